@@ -1,0 +1,57 @@
+"""Everything that Robocar raises on purpose, one class per cause, under one root.
+
+The message of each error names what is wrong (file, line or field, value) and what would have been valid; the command
+line prints it as one line and exits with status 2.
+"""
+
+
+class RobocarError(Exception):
+    """Root of all errors that name a cause outside the code: a file, an argument, a world without a way."""
+
+
+class MapFormatError(RobocarError):
+    """A map, world or scenario file from outside that cannot be read."""
+
+
+class LogFormatError(RobocarError):
+    """A recorded log that cannot be read."""
+
+
+class ScenarioError(RobocarError):
+    """A scenario file, override or combination of components that makes no sense."""
+
+
+class UnknownNameError(RobocarError):
+    """A name that is not registered; the message lists the valid ones."""
+
+
+class ParameterError(RobocarError):
+    """A parameter that does not exist or lies outside its range."""
+
+
+class OutputError(RobocarError):
+    """A run directory that exists already, cannot be written, or whose disk is full."""
+
+
+class PlanningError(RobocarError):
+    """Root of the reasons for which a planner returns no plan."""
+
+
+class StartOccupied(PlanningError):
+    """The robot does not fit at the start."""
+
+
+class GoalOccupied(PlanningError):
+    """The robot does not fit at the goal."""
+
+
+class OutsideMap(PlanningError):
+    """Start or goal lies outside the map."""
+
+
+class NoPathFound(PlanningError):
+    """Start and goal are not connected for this robot."""
+
+
+class BudgetExhausted(PlanningError):
+    """The planner's budget of iterations, samples or expansions ran out before it found a path."""

@@ -1,0 +1,100 @@
+"""Rigid motions of the plane: poses, twists and angles.
+
+Frames stand in the names: `world_from_robot @ robot_from_sonar` is `world_from_sonar`. REP-103: metres, radians, x forward,
+y left, counter-clockwise positive.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def wrap_angle(angle: float) -> float:
+    """The same direction in (-pi, pi] [rad]."""
+    wrapped = math.remainder(angle, math.tau)
+    return math.pi if wrapped == -math.pi else wrapped
+
+
+def wrap_angles(angles: ArrayLike) -> Array:
+    """`wrap_angle` for arrays of any shape [rad]."""
+    wrapped = np.remainder(np.asarray(angles, dtype=float) + math.pi, math.tau) - math.pi
+    return np.where(wrapped == -math.pi, math.pi, wrapped)
+
+
+def frozen_array(values: ArrayLike, dtype: type = float) -> NDArray:
+    """A read-only array; a copy unless it is read-only already, so that nobody else can change it."""
+    array = np.asarray(values, dtype=dtype)
+    if array.flags.writeable:
+        array = array.copy()
+        array.flags.writeable = False
+    return array
+
+
+@dataclass(frozen=True, slots=True)
+class SE2:
+    """A pose, or the transform `a_from_b` between two frames of the plane.
+
+    `a_from_b @ b_from_c` composes, `a_from_b.inverse()` is `b_from_a`, `a_from_b.transform(points)` maps points of frame b
+    into frame a. The angle is kept in (-pi, pi].
+    """
+
+    x: float = 0.0
+    y: float = 0.0
+    theta: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.x) and math.isfinite(self.y) and math.isfinite(self.theta)):
+            raise ValueError(f"a pose needs finite numbers, not ({self.x}, {self.y}, {self.theta})")
+        object.__setattr__(self, "theta", wrap_angle(self.theta))
+
+    def __matmul__(self, other: SE2) -> SE2:
+        c, s = math.cos(self.theta), math.sin(self.theta)
+        return SE2(
+            self.x + c * other.x - s * other.y, self.y + s * other.x + c * other.y, self.theta + other.theta
+        )
+
+    def inverse(self) -> SE2:
+        c, s = math.cos(self.theta), math.sin(self.theta)
+        return SE2(-c * self.x - s * self.y, s * self.x - c * self.y, -self.theta)
+
+    def transform(self, points: ArrayLike) -> Array:
+        """Points (..., 2) [m] of the inner frame in the outer frame."""
+        points = np.asarray(points, dtype=float)
+        c, s = math.cos(self.theta), math.sin(self.theta)
+        x, y = points[..., 0], points[..., 1]
+        return np.stack([self.x + c * x - s * y, self.y + s * x + c * y], axis=-1)
+
+    @property
+    def position(self) -> Array:
+        """(2,) [m]"""
+        return np.array([self.x, self.y])
+
+    def as_array(self) -> Array:
+        """(3,) x, y [m], theta [rad]"""
+        return np.array([self.x, self.y, self.theta])
+
+    def distance_to(self, other: SE2) -> float:
+        """Distance of the two origins [m]."""
+        return math.hypot(other.x - self.x, other.y - self.y)
+
+
+@dataclass(frozen=True, slots=True)
+class Twist:
+    """Forward speed [m/s] and turning rate [rad/s] of the robot in its own frame."""
+
+    v: float = 0.0
+    omega: float = 0.0
+
+    def step(self, dt: float) -> SE2:
+        """Exact motion along the arc for `dt` [s]: robot_from_next_robot (velocity motion model, thesis eq. 2.39)."""
+        turn = self.omega * dt
+        if abs(turn) < 1e-9:
+            return SE2(self.v * dt, 0.5 * self.v * dt * turn, turn)
+        radius = self.v / self.omega
+        return SE2(radius * math.sin(turn), radius * (1.0 - math.cos(turn)), turn)

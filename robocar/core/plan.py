@@ -1,0 +1,86 @@
+"""What estimators believe and planners plan."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from robocar.core.geometry import SE2, Array, Twist, frozen_array
+from robocar.core.trace import Trace
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Belief:
+    """Where an estimator thinks the robot is: world_from_robot.
+
+    Args:
+        covariance: of (x, y, theta), (3, 3) [m, m, rad], or None.
+        twist: estimated velocity.
+        particles: (n, 4) as x, y, theta, weight, or None.
+    """
+
+    pose: SE2
+    covariance: Array | None = None
+    twist: Twist = Twist()
+    particles: Array | None = None
+    trace: Trace = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Path:
+    """A polyline in the map frame, (n, 2) [m], n >= 1."""
+
+    points: Array
+
+    def __post_init__(self) -> None:
+        points = frozen_array(self.points)
+        if points.ndim != 2 or points.shape[0] < 1 or points.shape[1] != 2 or not np.all(np.isfinite(points)):
+            raise ValueError(f"a path needs finite points (n, 2), not shape {points.shape}")
+        object.__setattr__(self, "points", points)
+
+    @property
+    def length(self) -> float:
+        """[m]"""
+        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Goal:
+    """Where to go: (2,) [m], with a heading [rad] or any; tolerances have Nav2's names."""
+
+    position: Array
+    heading: float | None = None
+    xy_goal_tolerance: float = 0.10
+    yaw_goal_tolerance: float = 0.25
+
+    def __post_init__(self) -> None:
+        position = frozen_array(self.position)
+        if position.shape != (2,) or not np.all(np.isfinite(position)):
+            raise ValueError(f"a goal needs a finite position (2,), not {self.position}")
+        object.__setattr__(self, "position", position)
+
+    def reached(self, pose: SE2) -> bool:
+        """Nav2's goal checker: within `xy_goal_tolerance`, and `yaw_goal_tolerance` where a heading is asked for."""
+        if math.hypot(pose.x - self.position[0], pose.y - self.position[1]) > self.xy_goal_tolerance:
+            return False
+        if self.heading is None:
+            return True
+        return abs(math.remainder(pose.theta - self.heading, math.tau)) <= self.yaw_goal_tolerance
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """What a global planner found.
+
+    Args:
+        path: from start to goal, both included.
+        cost: in the planner's own measure, said in its docstring.
+        expanded: nodes, samples or sweeps that it took.
+    """
+
+    path: Path
+    cost: float
+    expanded: int
+    trace: Trace = field(default_factory=dict)

@@ -1,0 +1,83 @@
+"""What planners and estimators want to be seen: values that the recording knows how to draw.
+
+Algorithms are silent; they return a `Trace`, a mapping from names to the drawables below, and `robocar.recording` shows each
+at `world/plan/<name>` (positions are in the map frame) or in the time series and the log. A new algorithm needs no new drawing code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from robocar.core.geometry import Array
+from robocar.core.grid import GridMap
+
+Color: TypeAlias = tuple[int, int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Points:
+    """Points (n, 2) or (n, 3) [m]; `values` (n,) colour them from low to high where given, else `color` does."""
+
+    positions: Array
+    values: Array | None = None
+    color: Color = (255, 170, 0)
+    radius: float = 0.02
+    labels: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Lines:
+    """Polylines, each (n, 2) [m]; `values` (one each) colour them from low to high where given, else `color` does."""
+
+    lines: tuple[Array, ...]
+    values: Array | None = None
+    color: Color = (255, 170, 0)
+    radius: float = 0.005
+
+
+@dataclass(frozen=True, slots=True)
+class Segments:
+    """Independent segments (n, 2, 2) [m], e.g. the edges of a search tree."""
+
+    segments: Array
+    color: Color = (120, 160, 255)
+    radius: float = 0.003
+
+
+@dataclass(frozen=True, slots=True)
+class Arrows:
+    """Arrows from `origins` (n, 2) along `vectors` (n, 2) [m]."""
+
+    origins: Array
+    vectors: Array
+    color: Color = (255, 60, 60)
+    radius: float = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """Numbers on a grid, drawn as a heat map from low to high; NaN and infinite cells stay transparent."""
+
+    grid: GridMap
+
+
+@dataclass(frozen=True, slots=True)
+class Scalar:
+    """One number of the time series `signals/<name>`."""
+
+    value: float
+    unit: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """One line of `log/status`."""
+
+    message: str
+    level: str = "INFO"
+
+
+Drawable: TypeAlias = Points | Lines | Segments | Arrows | Field | Scalar | Text
+Trace: TypeAlias = Mapping[str, Drawable]
