@@ -18,6 +18,7 @@ from robocar.core import MapFormatError
 from robocar.formats.files import PathLike, check_cells, read_bytes
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_PNG_DEPTHS = {0: (1, 2, 4, 8, 16), 2: (8, 16), 3: (1, 2, 4, 8), 4: (8, 16), 6: (8, 16)}
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 _TOKEN = re.compile(rb"(?:\s|#[^\r\n]*+)*+([^\s#]+)")
 _COMMENT = re.compile(rb"#[^\r\n]*+")
@@ -114,17 +115,18 @@ def _read_png(data: bytes, path: PathLike) -> GreyImage:
         if position + 12 > len(data):
             raise MapFormatError(f"{path}: truncated PNG, the file ends after {len(data)} bytes without an IEND chunk")
         length, kind = struct.unpack_from(">I4s", data, position)
+        name = kind.decode() if kind.isalpha() else repr(kind)
         body = data[position + 8 : position + 8 + length]
         if position + 12 + length > len(data):
-            raise MapFormatError(f"{path}: truncated PNG, chunk {kind.decode('latin-1')} is cut off")
+            raise MapFormatError(f"{path}: truncated PNG, chunk {name} is cut off")
         if zlib.crc32(kind + body) != struct.unpack_from(">I", data, position + 8 + length)[0]:
-            raise MapFormatError(f"{path}: damaged PNG, wrong checksum in chunk {kind.decode('latin-1')}")
+            raise MapFormatError(f"{path}: damaged PNG, wrong checksum in chunk {name}")
         chunks[kind] = chunks.get(kind, b"") + body
         position += 12 + length
     if len(chunks.get(b"IHDR", b"")) != 13:
         raise MapFormatError(f"{path}: damaged PNG, no valid IHDR chunk")
-    cols, rows, depth, colour, _, _, interlace = struct.unpack(">IIBBBBB", chunks[b"IHDR"])
-    if rows < 1 or cols < 1 or colour not in _PNG_CHANNELS or depth not in (1, 2, 4, 8, 16):
+    cols, rows, depth, colour, compression, filtering, interlace = struct.unpack(">IIBBBBB", chunks[b"IHDR"])
+    if rows < 1 or cols < 1 or depth not in _PNG_DEPTHS.get(colour, ()) or (compression, filtering) != (0, 0) or interlace > 1:
         raise MapFormatError(f"{path}: damaged PNG, IHDR says {cols} x {rows} pixels, colour type {colour}, {depth} bits")
     check_cells(path, rows, cols)
     needed = rows * (1 + (cols * depth * _PNG_CHANNELS[colour] + 7) // 8)
@@ -158,8 +160,10 @@ def _read_bmp(data: bytes, path: PathLike) -> GreyImage:
         rows = abs(rows)  # negative where row 0 is stored first
     else:
         raise MapFormatError(f"{path}: truncated or damaged BMP, header of {header} bytes in a file of {len(data)}")
-    if rows < 1 or cols < 1 or bits not in (1, 2, 4, 8, 16, 24, 32):
-        raise MapFormatError(f"{path}: damaged BMP, the header says {cols} x {rows} pixels of {bits} bits")
+    if rows < 1 or cols < 1 or bits not in (1, 2, 4, 8, 16, 24, 32) or compression > 3:
+        raise MapFormatError(
+            f"{path}: damaged or unsupported BMP, the header says {cols} x {rows} pixels of {bits} bits, compression {compression}"
+        )
     check_cells(path, rows, cols)
     run_length_coded = compression in (1, 2)
     needed = offset + (cols * bits + 31) // 32 * 4 * rows
