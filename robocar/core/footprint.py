@@ -32,6 +32,9 @@ class Footprint:
         following = np.roll(edges, -1, axis=0)
         if not np.all(edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0] > 0):
             raise ValueError("a footprint must be strictly convex, its corners counter-clockwise")
+        ahead = np.sum(edges * following, axis=1)
+        if not np.sum(np.arctan2(edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0], ahead)) < 3 * np.pi:
+            raise ValueError("a footprint must not wind around the origin more than once")
         normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1) / np.linalg.norm(edges, axis=1)[:, None]
         offsets = np.sum(normals * vertices, axis=1)
         if not np.all(offsets > 0):

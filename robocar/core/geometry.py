@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 Array = NDArray[np.float64]
 
@@ -27,10 +27,10 @@ def wrap_angles(angles: ArrayLike) -> Array:
     return np.where(wrapped == -math.pi, math.pi, wrapped)
 
 
-def frozen_array(values: ArrayLike, dtype: type = float) -> NDArray:
-    """A read-only array; a copy unless it is read-only already, so that nobody else can change it."""
+def frozen_array(values: ArrayLike, dtype: DTypeLike = float) -> NDArray:
+    """A read-only array; a copy unless nobody else can change it (read-only, and no view of an array that is not)."""
     array = np.asarray(values, dtype=dtype)
-    if array.flags.writeable:
+    if array.flags.writeable or array.base is not None:
         array = array.copy()
         array.flags.writeable = False
     return array
@@ -55,9 +55,7 @@ class SE2:
 
     def __matmul__(self, other: SE2) -> SE2:
         c, s = math.cos(self.theta), math.sin(self.theta)
-        return SE2(
-            self.x + c * other.x - s * other.y, self.y + s * other.x + c * other.y, self.theta + other.theta
-        )
+        return SE2(self.x + c * other.x - s * other.y, self.y + s * other.x + c * other.y, self.theta + other.theta)
 
     def inverse(self) -> SE2:
         c, s = math.cos(self.theta), math.sin(self.theta)
@@ -97,4 +95,4 @@ class Twist:
         if abs(turn) < 1e-9:
             return SE2(self.v * dt, 0.5 * self.v * dt * turn, turn)
         radius = self.v / self.omega
-        return SE2(radius * math.sin(turn), radius * (1.0 - math.cos(turn)), turn)
+        return SE2(radius * math.sin(turn), radius * 2.0 * math.sin(0.5 * turn) ** 2, turn)  # 1 - cos, without cancelling

@@ -117,11 +117,11 @@ class OccupancyGrid(GridMap):
 
     def __post_init__(self) -> None:
         data = np.asarray(self.data)
+        if not np.all((data >= UNKNOWN) & (data <= OCCUPIED)):  # false for nan too
+            raise ValueError("occupancy goes from -1 (unknown) over 0 (free) to 100 (occupied)")
         if data.dtype != np.int8:
-            if np.any((data < UNKNOWN) | (data > OCCUPIED)):
-                raise ValueError("occupancy goes from -1 (unknown) over 0 (free) to 100 (occupied)")
             object.__setattr__(self, "data", data.astype(np.int8))
-        super(OccupancyGrid, self).__post_init__()
+        super().__post_init__()
 
     @property
     def occupied(self) -> NDArray[np.bool_]:
@@ -151,10 +151,10 @@ class Costmap(GridMap):
     def __post_init__(self) -> None:
         data = np.asarray(self.data)
         if data.dtype != np.uint8:
-            if np.any((data < 0) | (data > NO_INFORMATION)):
+            if not np.all((data >= 0) & (data <= NO_INFORMATION)):
                 raise ValueError("costs go from 0 to 255")
             object.__setattr__(self, "data", data.astype(np.uint8))
-        super(Costmap, self).__post_init__()
+        super().__post_init__()
 
     @property
     def blocked(self) -> NDArray[np.bool_]:

@@ -60,6 +60,11 @@ class Goal:
         if position.shape != (2,) or not np.all(np.isfinite(position)):
             raise ValueError(f"a goal needs a finite position (2,), not {self.position}")
         object.__setattr__(self, "position", position)
+        if self.heading is not None and not math.isfinite(self.heading):
+            raise ValueError(f"a goal's heading is a finite angle or None, not {self.heading}")
+        for name in ("xy_goal_tolerance", "yaw_goal_tolerance"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"{name} must not be negative, not {getattr(self, name)}")
 
     def reached(self, pose: SE2) -> bool:
         """Nav2's goal checker: within `xy_goal_tolerance`, and `yaw_goal_tolerance` where a heading is asked for."""

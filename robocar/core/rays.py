@@ -19,7 +19,7 @@ def traverse(x0: float, y0: float, x1: float, y1: float) -> NDArray[np.int64]:
     Args: grid coordinates (column, row in cells, see `GridMap.grid_from_world`).
 
     Returns:
-        (n, 2) as (row, col), from the start's to the end's cell, consecutive cells sharing an edge. Where the segment runs exactly
+        (n, 2) as (row, col), from the first to the last cell, consecutive cells sharing an edge. Where the segment runs exactly
         through a corner, the step along x comes first.
     """
     col, row = math.floor(x0), math.floor(y0)
@@ -66,7 +66,11 @@ def first_hit(blocked: NDArray[np.bool_], x0: float, y0: float, dx: float, dy: f
         if 0 <= row < rows and 0 <= col < cols:
             if blocked[row, col]:
                 return travelled
-        if next_x < next_y:
+        elif (row < 0 and step_row < 0) or (row >= rows and step_row > 0):
+            return math.inf  # It has left the grid for good; so a ray without a limit ends, too.
+        elif (col < 0 and step_col < 0) or (col >= cols and step_col > 0):
+            return math.inf
+        if next_x <= next_y:
             col += step_col
             travelled = next_x
             next_x += delta_x
@@ -78,14 +82,10 @@ def first_hit(blocked: NDArray[np.bool_], x0: float, y0: float, dx: float, dy: f
 
 
 @njit(cache=True)
-def _first_hits(
-    blocked: NDArray[np.bool_], origins: Array, directions: Array, reach: float
-) -> NDArray[np.float64]:
+def _first_hits(blocked: NDArray[np.bool_], origins: Array, directions: Array, reach: float) -> NDArray[np.float64]:
     distances = np.empty(len(origins))
     for i in range(len(origins)):
-        distances[i] = first_hit(
-            blocked, origins[i, 0], origins[i, 1], directions[i, 0], directions[i, 1], reach
-        )
+        distances[i] = first_hit(blocked, origins[i, 0], origins[i, 1], directions[i, 0], directions[i, 1], reach)
     return distances
 
 
