@@ -162,7 +162,7 @@ def _read_bmp(data: bytes, path: PathLike) -> GreyImage:
         raise MapFormatError(f"{path}: truncated or damaged BMP, header of {header} bytes in a file of {len(data)}")
     if rows < 1 or cols < 1 or bits not in (1, 2, 4, 8, 16, 24, 32) or compression > 3:
         raise MapFormatError(
-            f"{path}: damaged or unsupported BMP, the header says {cols} x {rows} pixels of {bits} bits, compression {compression}"
+            f"{path}: damaged or unknown BMP, the header says {cols} x {rows} pixels of {bits} bits, compression {compression}"
         )
     check_cells(path, rows, cols)
     run_length_coded = compression in (1, 2)

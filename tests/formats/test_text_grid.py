@@ -26,10 +26,13 @@ def test_start_and_goal_are_the_centres_of_their_cells(tmp_path):
     path = tmp_path / "a.txt"
     path.write_bytes(b"####\r\n#.G#\r\n#S.#\r\n####\r\n")
     drawn = load_text_grid(path, 0.5)
+    assert drawn.start is not None
+    assert drawn.goal is not None
     np.testing.assert_allclose(drawn.start, [0.75, 0.75])
     np.testing.assert_allclose(drawn.goal, [1.25, 1.25])
     assert drawn.grid.free.sum() == 4
     turned = load_text_grid(path, 0.5, SE2(1, 2, np.pi / 2))
+    assert turned.goal is not None
     np.testing.assert_allclose(turned.goal, [1 - 1.25, 2 + 1.25])
 
 
