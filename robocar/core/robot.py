@@ -63,6 +63,18 @@ class Calibration:
     curvature: Array
     track: Array
 
+    def effective_track(self, v: float, omega: float) -> float:
+        """Effective track for this twist [m]; on the spot and at rest that of turning on the spot."""
+        curvature, track = self.curvature, self.track
+        if omega == 0.0 or abs(omega) >= curvature[-1] * abs(v):
+            return float(track[-1])
+        tightness = abs(omega / v)
+        if tightness <= curvature[0]:
+            return float(track[0])
+        i = int(curvature.searchsorted(tightness))
+        share = (tightness - curvature[i - 1]) / (curvature[i] - curvature[i - 1])
+        return float(track[i - 1] + share * (track[i] - track[i - 1]))
+
 
 @dataclass(frozen=True, slots=True)
 class Robot:

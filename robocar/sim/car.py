@@ -71,13 +71,12 @@ def car_spec(fit_out: FitOut) -> mujoco.MjSpec:
 
 
 @cache
-def _geometry() -> tuple[Footprint, float]:
-    """Footprint from the hull's box and the wheel radius, as the model has them."""
+def footprint() -> Footprint:
+    """The car's outline on the floor: the box of its hull, which covers the wheels."""
     model = mujoco.MjModel.from_xml_path(str(MODELS / "robocar" / "robocar.xml"))
     hull = model.geom("hull")
-    half_length, half_width = hull.size[:2]
-    footprint = Footprint.rectangle(hull.pos[0] + half_length, half_length - hull.pos[0], half_width)
-    return footprint, float(model.geom("rear_left_wheel").size[0])
+    x, half_length, half_width = float(hull.pos[0]), *map(float, hull.size[:2])
+    return Footprint.rectangle(half_length + x, half_length - x, half_width)
 
 
 def geometric_track() -> float:
@@ -104,7 +103,6 @@ def load_calibration() -> Calibration:
 
 def describe(fit_out: FitOut, sensors: SensorParameters, model: mujoco.MjModel) -> Robot:
     """What planners and estimators are told, read from the compiled model so that nothing stands twice."""
-    footprint, _ = _geometry()
     sonar = sensors.sonar
     sonars = tuple(
         RangeSensor(
@@ -127,7 +125,7 @@ def describe(fit_out: FitOut, sensors: SensorParameters, model: mujoco.MjModel) 
             fit_out.lidar, _mount(model, "lidar"), bearings, 0.0, sensors.lidar.min_range, max_range, sensors.lidar.period
         )
     return Robot(
-        footprint=footprint,
+        footprint=footprint(),
         limits=LIMITS,
         calibration=load_calibration(),
         pulses_per_turn=PULSES_PER_TURN,

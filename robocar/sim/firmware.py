@@ -88,7 +88,6 @@ class Firmware:
         self._limits = limits
         self._radius = calibration.wheel_radius
         self._calibration = calibration
-        self._spin_track = float(calibration.track[-1])
         self._pulse = math.tau / pulses_per_turn
         self._volts_per_speed = volts_per_speed
         self._max_voltage = max_voltage
@@ -184,7 +183,7 @@ class Firmware:
         else:
             twist = self._ramp(self._command)
         self._current = twist
-        spread = 0.5 * twist.omega * self._track(twist)
+        spread = 0.5 * twist.omega * self._calibration.effective_track(twist.v, twist.omega)
         rates = (twist.v - spread) / self._radius, (twist.v + spread) / self._radius
         voltages = []
         for side in (0, 1):
@@ -195,20 +194,6 @@ class Firmware:
             voltage = self._volts_per_speed * rates[side] + self.parameters.gain * (reference - measured[side])
             voltages.append(min(max(voltage, -self._max_voltage), self._max_voltage))
         return voltages[0], voltages[1]
-
-    def _track(self, twist: Twist) -> float:
-        """Effective track at this curvature [m], interpolated in the calibration."""
-        if twist.omega == 0.0:
-            return self._spin_track
-        curvature = abs(twist.omega) / max(abs(twist.v), 1e-6)
-        known, track = self._calibration.curvature, self._calibration.track
-        if curvature >= known[-1]:
-            return self._spin_track
-        if curvature <= known[0]:
-            return float(track[0])
-        i = int(known.searchsorted(curvature))
-        share = (curvature - known[i - 1]) / (known[i] - known[i - 1])
-        return float(track[i - 1] + share * (track[i] - track[i - 1]))
 
     def _ramp(self, target: Twist) -> Twist:
         """The current twist, moved towards the target as far as the accelerations allow in one period."""

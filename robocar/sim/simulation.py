@@ -202,6 +202,11 @@ class Simulation:
         """sha256 over (time, qpos, qvel, ctrl) of all control ticks so far."""
         return self._hash.hexdigest()
 
+    @property
+    def busy(self) -> bool:
+        """Whether the firmware executes a serial command."""
+        return self.firmware.busy
+
     def diverged(self) -> str | None:
         """Why the physics can no longer be believed, or None."""
         if not np.all(np.isfinite(self.data.qpos)):

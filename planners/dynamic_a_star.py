@@ -1,0 +1,509 @@
+"""Dynamic A* of the HBE-Robocar (thesis, eq. 2.44, sections 2.6, 3.5, 4.3 and 4.4).
+
+The floor is a lattice of 30 cm cells. The car drives from cell centre to cell centre along the A* path; whenever its sonars find that a cell is
+blocked, the cell is marked and the path is planned again from where the car is. With sonars that look only forward it turns 360 degrees in
+each cell it has not looked around in yet; with sonars on its sides it does not need to.
+
+What the thesis leaves open is decided here. Echoes are gathered on a fine grid, because the echo of a 15 degree cone does not say where on its arc
+the surface is: later readings that look farther through the same place take it back. A cell is blocked when an obstacle lies where the car would be
+while turning on its centre or while driving over it, so the footprint never touches what is known. Diagonal steps need both
+cells beside them free, and are driven around the corner where something stands between the four cells.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from planners import a_star
+from robocar.core import (
+    LETHAL,
+    SE2,
+    Array,
+    Belief,
+    Command,
+    Context,
+    Costmap,
+    Drive,
+    GiveUp,
+    Goal,
+    GridMap,
+    Lines,
+    Mapper,
+    Observation,
+    OccupancyGrid,
+    PlanningError,
+    Points,
+    Robot,
+    Scalar,
+    Scan,
+    Text,
+    Trace,
+    Twist,
+    wrap_angle,
+)
+
+FINE = 0.025  # [m] resolution of the grid on which echoes are gathered
+_HIT, _MOST = 2, 12  # evidence from which on a fine cell counts as an obstacle, and its cap
+_PRIOR = 100  # evidence of what the prior map shows: never taken back
+
+
+@dataclass(frozen=True, slots=True)
+class Parameters:
+    """
+    Args:
+        metric: of the A* search, see `planners.a_star`: `octile`, or `thesis` for its Manhattan heuristic.
+        look_around: turn 360 degrees in each new cell: `auto` does where no sonar looks sideways.
+        cell_size: of the lattice [m].
+        margin: room that the footprint keeps [m].
+        hit_range: echoes from farther away are not marked [m]; free_range: nor is what lies before them taken back beyond this [m].
+        speed: from cell to cell [m/s]; turn_rate: on the spot [rad/s].
+    """
+
+    metric: Literal["octile", "thesis"] = "octile"
+    look_around: Literal["auto", "always", "never"] = "auto"
+    cell_size: float = 0.30
+    margin: float = 0.015
+    hit_range: float = 1.2
+    free_range: float = 0.8
+    speed: float = 0.25
+    turn_rate: float = 1.2
+
+    def __post_init__(self) -> None:
+        if self.metric not in ("octile", "thesis"):
+            raise ValueError(f"metric is octile or thesis, not {self.metric!r}")
+        if self.look_around not in ("auto", "always", "never"):
+            raise ValueError(f"look_around is auto, always or never, not {self.look_around!r}")
+        for name in ("cell_size", "hit_range", "free_range", "speed", "turn_rate"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, not {getattr(self, name)}")
+        if not self.margin >= 0:
+            raise ValueError(f"margin must not be negative, not {self.margin}")
+
+
+@njit(cache=True)
+def _mark_cone(
+    evidence: NDArray[np.int8],
+    col: float,
+    row: float,
+    heading: float,
+    reading: float,
+    half_angle: float,
+    free_reach: float,
+    tolerance: float,
+) -> None:
+    """One echo on the fine grid; all lengths in fine cells, angles in the grid's frame.
+
+    Cells about as far away as the echo gain evidence, more in the middle of the cone; nearer ones lose some. An echo off the cone's axis is
+    taken back by the readings that look past it.
+    """
+    rows, cols = evidence.shape
+    reach = max(min(reading - tolerance, free_reach), reading + tolerance)
+    for i in range(max(0, int(row - reach) - 1), min(rows, int(row + reach) + 2)):
+        for j in range(max(0, int(col - reach) - 1), min(cols, int(col + reach) + 2)):
+            if evidence[i, j] >= _PRIOR:
+                continue
+            dx, dy = j + 0.5 - col, i + 0.5 - row
+            distance = math.hypot(dx, dy)
+            if distance > reach or distance < 1e-9:
+                continue
+            off = abs((math.atan2(dy, dx) - heading + math.pi) % (2 * math.pi) - math.pi)
+            if off > half_angle:
+                continue
+            if abs(distance - reading) <= tolerance:
+                gain = 3 if off < 0.4 * half_angle else 1
+                evidence[i, j] = min(_MOST, evidence[i, j] + gain)
+            elif distance < reading and distance <= free_reach:
+                evidence[i, j] = max(-4, evidence[i, j] - 1)
+
+
+@njit(cache=True)
+def _cell_blocked(
+    evidence: NDArray[np.int8], col: float, row: float, disc: float, half_width: float, half_cell: float
+) -> bool:
+    """Whether an obstacle lies where the car turns on (col, row) (a disc) or drives over the cell along its axes (a plus).
+
+    In fine cells and the grid's frame, which is the lattice's.
+    """
+    rows, cols = evidence.shape
+    reach = max(disc, half_cell)
+    for i in range(int(row - reach) - 1, int(row + reach) + 2):
+        for j in range(int(col - reach) - 1, int(col + reach) + 2):
+            if not (0 <= i < rows and 0 <= j < cols) or evidence[i, j] < _HIT:
+                continue
+            # The point of the fine cell that is nearest to the centre.
+            dx = max(abs(j + 0.5 - col) - 0.5, 0.0)
+            dy = max(abs(i + 0.5 - row) - 0.5, 0.0)
+            if dx * dx + dy * dy < disc * disc or (max(dx, dy) < half_cell and min(dx, dy) < half_width):
+                return True
+    return False
+
+
+@njit(cache=True)
+def _way_blocked(
+    evidence: NDArray[np.int8], col0: float, row0: float, col1: float, row1: float, half_width: float, front: float
+) -> bool:
+    """Whether an obstacle lies where the car drives straight from one point to another, `front` ahead of it included."""
+    rows, cols = evidence.shape
+    length = math.hypot(col1 - col0, row1 - row0)
+    if length < 1e-9:
+        return False
+    ux, uy = (col1 - col0) / length, (row1 - row0) / length
+    reach = half_width + front + 1
+    for i in range(int(min(row0, row1) - reach) - 1, int(max(row0, row1) + reach) + 2):
+        for j in range(int(min(col0, col1) - reach) - 1, int(max(col0, col1) + reach) + 2):
+            if not (0 <= i < rows and 0 <= j < cols) or evidence[i, j] < _HIT:
+                continue
+            dx, dy = j + 0.5 - col0, i + 0.5 - row0
+            along, across = dx * ux + dy * uy, abs(dy * ux - dx * uy)
+            if -0.5 <= along <= length + front + 0.5 and across < half_width + 0.5:
+                return True
+    return False
+
+
+class ObstacleMemory:
+    """What the car knows of obstacles: the prior map, and echoes since; a fine grid in the lattice's frame that grows as needed."""
+
+    def __init__(self, world_from_lattice: SE2, extent: tuple[float, float], prior: OccupancyGrid | None) -> None:
+        """`extent` is the size along the lattice's axes [m]; a prior has the lattice's frame and extent."""
+        self.resolution = FINE
+        if prior is not None:
+            split = max(1, math.ceil(prior.resolution / FINE - 1e-9))
+            self.resolution = prior.resolution / split
+            known = (prior.occupied | prior.unknown).repeat(split, axis=0).repeat(split, axis=1)
+            self._evidence = np.where(known, _PRIOR, 0).astype(np.int8)
+        else:
+            rows, cols = (max(1, math.ceil(side / FINE)) for side in reversed(extent))
+            self._evidence = np.zeros((rows, cols), dtype=np.int8)
+        self._origin = world_from_lattice
+        self._bounded = prior is not None
+
+    def _grid_point(self, point: Array) -> tuple[float, float]:
+        """(column, row) of a world point."""
+        x, y = self._origin.inverse().transform(point) / self.resolution
+        return float(x), float(y)
+
+    def _grow(self, point: Array, reach: float) -> None:
+        """Makes room for `reach` [m] around a world point; without a prior the world has no known end."""
+        col, row = self._grid_point(point)
+        need = math.ceil(reach / self.resolution)
+        rows, cols = self._evidence.shape
+        low, left = max(0, need - math.floor(row)), max(0, need - math.floor(col))
+        high, right = max(0, math.ceil(row) + need - rows), max(0, math.ceil(col) + need - cols)
+        if self._bounded or max(low, left, high, right) == 0:
+            return
+        low, left, high, right = (k + 40 if k else 0 for k in (low, left, high, right))
+        self._evidence = np.pad(self._evidence, ((low, high), (left, right)))
+        self._origin = self._origin @ SE2(-left * self.resolution, -low * self.resolution, 0.0)
+
+    def mark(self, world_from_robot: SE2, scan: Scan, hit_range: float, free_range: float) -> None:
+        """Takes in the echoes of a sonar or the beams of a laser; what was not heard says nothing (it may have been lost)."""
+        sensor = world_from_robot @ scan.robot_from_sensor
+        self._grow(sensor.position, hit_range)
+        col, row = self._grid_point(sensor.position)
+        half = max(0.5 * scan.beam_width, 0.5 * self.resolution / hit_range)
+        heading = sensor.theta - self._origin.theta
+        scale = 1.0 / self.resolution
+        for reading, bearing in zip(scan.ranges, scan.bearings, strict=True):
+            if math.isfinite(reading) and reading <= max(hit_range, 2 * free_range):
+                seen = reading if reading <= hit_range else 1e6  # too far to mark, yet free before it
+                _mark_cone(
+                    self._evidence, col, row, heading + bearing, seen * scale, half, free_range * scale, 0.02 * scale
+                )
+
+    def cell_blocked(self, centre: Array, disc: float, half_width: float, half_cell: float) -> bool:
+        """See `_cell_blocked`; lengths in metres."""
+        scale = 1.0 / self.resolution
+        col, row = self._grid_point(centre)
+        return bool(_cell_blocked(self._evidence, col, row, disc * scale, half_width * scale, half_cell * scale))
+
+    def way_blocked(self, start: Array, end: Array, half_width: float, front: float) -> bool:
+        """See `_way_blocked`; lengths in metres."""
+        scale = 1.0 / self.resolution
+        return bool(
+            _way_blocked(
+                self._evidence, *self._grid_point(start), *self._grid_point(end), half_width * scale, front * scale
+            )
+        )
+
+    def forget(self) -> None:
+        """Drops every echo, keeps the prior."""
+        self._evidence = np.where(self._evidence == _PRIOR, _PRIOR, 0).astype(np.int8)
+
+    def echoes(self) -> Array:
+        """Centres (n, 2) [m] of the fine cells that echoes mark as obstacles."""
+        rows, cols = np.nonzero((self._evidence >= _HIT) & (self._evidence < _PRIOR))
+        return self._origin.transform(np.stack([cols + 0.5, rows + 0.5], axis=1) * self.resolution)
+
+
+class Lattice:
+    """The 30 cm cells: centred in the prior map, or, without one, with a cell centre under the start."""
+
+    def __init__(self, cell_size: float, prior: OccupancyGrid | None, start: SE2, goal: Array) -> None:
+        self.cell_size = cell_size
+        if prior is not None:
+            width, height = prior.size
+            cols, rows = max(1, int(width / cell_size + 1e-9)), max(1, int(height / cell_size + 1e-9))
+            margin = SE2(0.5 * (width - cols * cell_size), 0.5 * (height - rows * cell_size), 0.0)
+            self.origin = prior.origin @ margin
+            self.shape = rows, cols
+        else:
+            # Room on all sides: the world is unknown, and the way round an obstacle may lead away from the goal.
+            reach = float(np.abs(goal - start.position).max()) + 3.0
+            half = math.ceil(reach / cell_size)
+            offset = -(half + 0.5) * cell_size
+            self.origin = SE2(start.x + offset, start.y + offset, 0.0)
+            self.shape = 2 * half + 1, 2 * half + 1
+
+    def costmap(self, blocked: NDArray[np.bool_]) -> Costmap:
+        """The cells as a costmap for the search: free or lethal."""
+        return Costmap(np.where(blocked, LETHAL, 0).astype(np.uint8), self.cell_size, self.origin)
+
+
+class DynamicAStar:
+    """The navigator `dynamic-a-star`."""
+
+    def __init__(self, context: Context) -> None:
+        self._robot: Robot = context.robot
+        self._prior = context.prior
+        self._period = context.control_period
+        self._parameters = context.parameters_of(Parameters)
+        footprint = context.robot.footprint
+        margin = self._parameters.margin
+        self._disc = footprint.circumscribed_radius + margin
+        self._half_width = footprint.inscribed_radius + margin
+        self._front = float(footprint.vertices[:, 0].max()) + margin
+        looks_sideways = any(abs(math.sin(s.robot_from_sensor.theta)) > 0.7 for s in context.robot.sonars)
+        sees_around = looks_sideways or context.robot.lidar is not None
+        self._look_around = {"always": True, "never": False, "auto": not sees_around}[self._parameters.look_around]
+        self._search = a_star.AStar(a_star.Parameters(metric=self._parameters.metric))
+        self.reset(context.rng)
+        self._warm_up()
+
+    def reset(self, rng: np.random.Generator) -> None:
+        self._lattice: Lattice | None = None
+        self._memory: ObstacleMemory | None = None
+        self._blocked = np.zeros((0, 0), dtype=bool)
+        self._way: list[Array] = []  # points still to be reached, the next one first
+        self._planned_to: Array | None = None
+        self._looked: set[tuple[int, int]] = set()
+        self._spin: tuple[float, float] | None = None  # still to turn [rad], last heading
+        self._spin_sign = 1.0
+        self._turning = True
+        self._plans = 0
+        self._desperate = False
+
+    def _warm_up(self) -> None:
+        """Compiles the kernels outside the control loop."""
+        evidence = np.zeros((4, 4), dtype=np.int8)
+        _mark_cone(evidence, 1.0, 1.0, 0.0, 2.0, 0.1, 1.0, 0.5)
+        _cell_blocked(evidence, 1.0, 1.0, 1.0, 1.0, 1.0)
+        _way_blocked(evidence, 1.0, 1.0, 2.0, 2.0, 1.0, 1.0)
+
+    # -- one tick -----------------------------------------------------------------------------------------------------
+
+    def command(self, belief: Belief, mapper: Mapper, observation: Observation, goal: Goal | None) -> Command:
+        if goal is None:
+            return GiveUp("dynamic-a-star needs a goal")
+        memory = self._prepare(belief.pose, goal)
+        for scan in observation.scans:
+            memory.mark(belief.pose, scan, self._parameters.hit_range, self._parameters.free_range)
+        trace: dict[str, object] = {}
+        if self._planned_to is None or self._must_replan(belief.pose):
+            problem = self._replan(belief.pose, goal, trace)
+            if problem is not None:
+                return problem
+        return Drive(self._drive(belief.pose), trace=trace)  # type: ignore[arg-type]
+
+    def _prepare(self, pose: SE2, goal: Goal) -> ObstacleMemory:
+        if self._lattice is None or self._memory is None:
+            lattice = Lattice(self._parameters.cell_size, self._prior, pose, goal.position)
+            if self._prior is not None:
+                origin, extent = self._prior.origin, self._prior.size
+            else:
+                rows, cols = lattice.shape
+                origin, extent = lattice.origin, (cols * lattice.cell_size, rows * lattice.cell_size)
+            self._lattice, self._memory = lattice, ObstacleMemory(origin, extent, self._prior)
+            self._blocked = np.zeros(lattice.shape, dtype=bool)
+        return self._memory
+
+    # -- planning -----------------------------------------------------------------------------------------------------
+
+    def _must_replan(self, pose: SE2) -> bool:
+        """Whether something has turned up on the way that is left."""
+        lattice, memory = self._lattice, self._memory
+        assert lattice is not None and memory is not None
+        nearby = 2.0 * self._parameters.hit_range
+        previous = pose.position
+        for k, point in enumerate(self._way):
+            if math.dist(point, pose.position) > nearby:
+                break
+            last = k == len(self._way) - 1
+            if memory.way_blocked(previous, point, self._half_width, self._front if last else 0.0):
+                return True
+            if not last and self._is_blocked(self._cell(point)):
+                return True
+            previous = point
+        return False
+
+    def _replan(self, pose: SE2, goal: Goal, trace: dict[str, object]) -> Command | None:
+        """A new way from where the car is; returns why there is none."""
+        lattice, memory = self._lattice, self._memory
+        assert lattice is not None and memory is not None
+        self._plans += 1
+        rows, cols = lattice.shape
+        self._blocked = np.array([[self._is_blocked((r, c)) for c in range(cols)] for r in range(rows)])
+        costmap = lattice.costmap(self._blocked)
+        start_cells = self._access(costmap, pose.position, 0.0)
+        goal_cells = self._access(costmap, goal.position, self._front)
+        reason = "no cell beside the car is free" if not start_cells else "no cell beside the goal is free"
+        for start in start_cells:
+            for end in goal_cells:
+                try:
+                    plan = self._search.plan(costmap, costmap.world_from_cell(start), costmap.world_from_cell(end))
+                except PlanningError as error:
+                    reason = str(error)
+                    continue
+                self._way = [*self._round_corners(plan.path.points), goal.position]
+                if math.dist(self._way[0], pose.position) < 0.05:
+                    self._way.pop(0)
+                self._planned_to = goal.position
+                self._turning = True
+                self._desperate = False
+                drawn = np.array([pose.position, *self._way])
+                trace["global"] = Lines((drawn,), color=(40, 120, 255), radius=0.012)
+                trace["blocked_cells"] = self._draw_blocked(costmap)
+                trace["echoes"] = Points(memory.echoes(), color=(255, 80, 40), radius=0.012)
+                trace["replans"] = Scalar(self._plans - 1)
+                trace["expanded"] = Scalar(plan.expanded)
+                trace["status"] = Text(
+                    f"plan {self._plans}: {len(self._way)} cells, {plan.path.length:.2f} m, {plan.expanded} expanded"
+                )
+                return None
+        if not self._desperate:
+            # Echoes of the same surface seen from several places may add up to a wall that is not there: look again.
+            self._desperate = True
+            memory.forget()
+            self._looked.clear()
+            self._way, self._planned_to, self._spin = [], None, (math.tau, pose.theta)
+            trace["status"] = Text(f"no way left ({reason}); forgetting all echoes and looking again", "WARN")
+            return Drive(Twist(), trace=trace)  # type: ignore[arg-type]
+        if self._spin is not None:
+            return Drive(self._turn_on(pose))
+        return GiveUp(f"no way to the goal through free cells: {reason}")
+
+    def _access(self, costmap: Costmap, point: Array, front: float) -> list[tuple[int, int]]:
+        """Free cells, nearest first, between whose centre and the point the car can drive straight."""
+        lattice, memory = self._lattice, self._memory
+        assert lattice is not None and memory is not None
+        row, col = (int(i) for i in costmap.cell_from_world(point))
+        found = []
+        for r in range(row - 1, row + 2):
+            for c in range(col - 1, col + 2):
+                if not costmap.contains((r, c)) or self._blocked[r, c]:
+                    continue
+                centre = costmap.world_from_cell((r, c))
+                start, end = (point, centre) if front == 0.0 else (centre, point)
+                if not memory.way_blocked(start, end, self._half_width, front):
+                    found.append((math.dist(centre, point), (r, c)))
+        return [cell for _, cell in sorted(found)[:4]]
+
+    def _round_corners(self, points: Array) -> list[Array]:
+        """Splits diagonal steps between which something stands into two straight ones."""
+        lattice, memory = self._lattice, self._memory
+        assert lattice is not None and memory is not None
+        way = [points[0]]
+        for here, there in zip(points[:-1], points[1:], strict=True):
+            (r0, c0), (r1, c1) = self._cell(here), self._cell(there)
+            if r0 != r1 and c0 != c1 and memory.way_blocked(here, there, self._half_width, 0.0):
+                grid = GridMap(self._blocked, lattice.cell_size, lattice.origin)
+                way.append(grid.world_from_cell((r0, c1)))
+            way.append(there)
+        return way
+
+    def _cell(self, point: Array) -> tuple[int, int]:
+        lattice = self._lattice
+        assert lattice is not None
+        col, row = np.floor(lattice.origin.inverse().transform(point) / lattice.cell_size).astype(int)
+        return int(row), int(col)
+
+    def _is_blocked(self, cell: tuple[int, int]) -> bool:
+        lattice, memory = self._lattice, self._memory
+        assert lattice is not None and memory is not None
+        centre = lattice.origin.transform((np.array(cell[::-1]) + 0.5) * lattice.cell_size)
+        return memory.cell_blocked(centre, self._disc, self._half_width, 0.5 * lattice.cell_size)
+
+    # -- driving ------------------------------------------------------------------------------------------------------
+
+    def _drive(self, pose: SE2) -> Twist:
+        """Look around where that is needed, else turn to the next point and drive straight there."""
+        if self._spin is not None:
+            return self._turn_on(pose)
+        if self._look_around and not self._at_last_point(pose) and self._cell(pose.position) not in self._looked:
+            lattice = self._lattice
+            assert lattice is not None
+            centred = math.dist(self._centre(pose), pose.position) < 0.06
+            if centred or not self._looked:
+                self._looked.add(self._cell(pose.position))
+                self._spin = (math.tau, pose.theta)
+                self._spin_sign = -self._spin_sign  # left and right in turn: what one turn adds to the drift, the next takes back
+                return self._turn_on(pose)
+        while len(self._way) > 1 and math.dist(self._way[0], pose.position) < 0.02:
+            self._way.pop(0)
+            self._turning = True
+        target = self._way[0]
+        dx, dy = target[0] - pose.x, target[1] - pose.y
+        distance = math.hypot(dx, dy)
+        error = wrap_angle(math.atan2(dy, dx) - pose.theta)
+        if self._turning and abs(error) > 0.04:
+            return Twist(0.0, self._rate(error))
+        self._turning = False
+        if math.cos(error) * distance <= 0.01:  # passed it
+            if len(self._way) > 1:
+                self._way.pop(0)
+            self._turning = True
+            return Twist()
+        speed = min(self._parameters.speed, math.sqrt(2.0 * 0.5 * self._robot.limits.acc_lim_x * distance))
+        return Twist(max(speed, 0.03) * max(math.cos(error), 0.0), min(max(2.5 * error, -0.8), 0.8))
+
+    def _at_last_point(self, pose: SE2) -> bool:
+        return len(self._way) <= 1
+
+    def _centre(self, pose: SE2) -> Array:
+        lattice = self._lattice
+        assert lattice is not None
+        return lattice.origin.transform((np.array(self._cell(pose.position)[::-1]) + 0.5) * lattice.cell_size)
+
+    def _rate(self, error: float) -> float:
+        """Turning rate towards a heading: slows down in time to stop there."""
+        top = min(self._parameters.turn_rate, math.sqrt(2.0 * 0.5 * self._robot.limits.acc_lim_theta * abs(error)))
+        return math.copysign(max(top, 0.15), error)
+
+    def _turn_on(self, pose: SE2) -> Twist:
+        """Goes on with the full turn."""
+        assert self._spin is not None
+        left, last = self._spin
+        left -= self._spin_sign * wrap_angle(pose.theta - last)
+        if left <= 0.05:
+            self._spin = None
+            self._turning = True
+            return Twist()
+        self._spin = (left, pose.theta)
+        return Twist(0.0, self._rate(self._spin_sign * left))
+
+    def _draw_blocked(self, costmap: Costmap) -> Lines:
+        """Outlines of the blocked cells."""
+        corners = np.array([[0, 0], [0, 1], [1, 1], [1, 0], [0, 0]])
+        cells = np.argwhere(self._blocked)
+        outlines = tuple(costmap.origin.transform((cell[::-1] + corners) * costmap.resolution) for cell in cells)
+        return Lines(outlines, color=(200, 60, 60), radius=0.004)
+
+
+def build(context: Context) -> DynamicAStar:
+    """`dynamic-a-star`"""
+    return DynamicAStar(context)

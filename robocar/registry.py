@@ -1,0 +1,164 @@
+"""The names of navigators, estimators and mappers, and how to build them.
+
+Adding one means writing its file and adding its line here. Packages of others register theirs in the entry-point group `robocar.planners`
+(`name = "package.module:factory"`), and the command line also takes `package.module:factory` itself.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import importlib.metadata
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Literal
+
+from robocar.core import Context, ParameterError, UnknownNameError
+
+Kind = Literal["navigator", "estimator", "mapper"]
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One algorithm that can be chosen by name.
+
+    Args:
+        factory: `module:function`, called with the `Context` and the built `parts`.
+        parts: `module:function` of components handed to the factory (a global and a local planner, say).
+        parameters: `module:Class` of the dataclasses whose fields may be set by `--set <kind>.<field>=value`.
+        summary: one line for `robocar list`; paper: its source.
+    """
+
+    factory: str
+    summary: str
+    paper: str = ""
+    parts: tuple[str, ...] = ()
+    parameters: tuple[str, ...] = ()
+
+
+def _follow(global_planner: str, summary: str, paper: str) -> Entry:
+    """A navigator that plans on the map and follows the path by pure pursuit."""
+    module = f"planners.{global_planner}"
+    return Entry(
+        "planners.navigator:plan_and_follow",
+        summary,
+        paper,
+        parts=(f"{module}:build", "planners.pure_pursuit:build"),
+        parameters=(
+            f"{module}:Parameters",
+            "planners.pure_pursuit:Parameters",
+            "planners.costmap:Parameters",
+            "planners.navigator:Parameters",
+        ),
+    )
+
+
+NAVIGATORS: dict[str, Entry] = {
+    "dynamic-a-star": Entry(
+        "planners.dynamic_a_star:build",
+        "30 cm cells, replans when a sonar finds a cell blocked, looks around in each cell",
+        "Utomo 2015, sections 2.6, 3.5, 4.3",
+        parameters=("planners.dynamic_a_star:Parameters",),
+    ),
+    "a-star": _follow("a_star", "shortest grid path, followed by pure pursuit", "Hart, Nilsson and Raphael 1968"),
+}
+
+ESTIMATORS: dict[str, Entry] = {
+    "truth": Entry("robocar.sim.oracle:build", "the pose oracle: the simulator's own pose, for papers that assume it known"),
+    "odometry": Entry(
+        "robocar.estimation.odometry:build",
+        "dead reckoning from the wheel encoders",
+        "Utomo 2015, eq. 3.1-3.5",
+        parameters=("robocar.estimation.odometry:OdometryParameters",),
+    ),
+    "odometry-compass": Entry(
+        "robocar.estimation.odometry:build_with_compass",
+        "dead reckoning, heading corrected by the compass",
+        "Utomo 2015, section 5.2",
+        parameters=("robocar.estimation.odometry:OdometryParameters",),
+    ),
+}
+
+MAPPERS: dict[str, Entry] = {
+    "none": Entry("robocar.estimation.no_mapper:build", "draws no map"),
+}
+
+_TABLES: dict[Kind, dict[str, Entry]] = {"navigator": NAVIGATORS, "estimator": ESTIMATORS, "mapper": MAPPERS}
+
+
+def names(kind: Kind) -> dict[str, Entry]:
+    """Registered names of this kind, third-party navigators included."""
+    table = dict(_TABLES[kind])
+    if kind == "navigator":
+        for point in importlib.metadata.entry_points(group="robocar.planners"):
+            table.setdefault(point.name, Entry(point.value, f"from {point.dist.name if point.dist else 'elsewhere'}"))
+    return table
+
+
+def find(kind: Kind, name: str) -> Entry:
+    """The entry of a registered name, or of `package.module:factory`.
+
+    Raises:
+        UnknownNameError: nothing is registered under this name; the message lists what is.
+    """
+    table = names(kind)
+    if name in table:
+        return table[name]
+    if ":" in name:
+        _load(name, f"{kind} {name!r}")
+        return Entry(name, "given on the command line")
+    raise UnknownNameError(f"unknown {kind} {name!r}{did_you_mean(name, table)}; known: {', '.join(sorted(table))}")
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """` (did you mean ...?)` for the nearest known name, or nothing."""
+    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
+    return f" (did you mean {near[0]!r}?)" if near else ""
+
+
+def build(kind: Kind, name: str, context: Context) -> Any:
+    """The algorithm `name` for this context.
+
+    Raises:
+        UnknownNameError: see `find`.
+        ParameterError: the context's parameters hold a name that none of the algorithm's dataclasses has, or a bad value.
+    """
+    entry = find(kind, name)
+    known = parameters(entry)
+    if known or not entry.factory.startswith("given"):
+        _refuse_unknown(kind, name, context.parameters, known)
+    what = f"{kind} {name!r}"
+    parts = [_load(part, what)(context) for part in entry.parts]
+    return _load(entry.factory, what)(context, *parts)
+
+
+def parameters(entry: Entry) -> dict[str, Any]:
+    """Names and defaults of everything that can be set on an algorithm."""
+    found: dict[str, Any] = {}
+    for path in entry.parameters:
+        for field in fields(_load(path, path)):
+            found[field.name] = field.default
+    if not entry.parameters and ":" in entry.factory:
+        # A third party's module: its dataclass `Parameters`, if it follows the convention.
+        module = importlib.import_module(entry.factory.partition(":")[0])
+        cls = getattr(module, "Parameters", None)
+        if cls is not None and hasattr(cls, "__dataclass_fields__"):
+            found.update({field.name: field.default for field in fields(cls)})
+    return found
+
+
+def _refuse_unknown(kind: Kind, name: str, given: Mapping[str, Any], known: Mapping[str, Any]) -> None:
+    for key in given:
+        if key not in known:
+            valid = ", ".join(sorted(known)) or "none"
+            raise ParameterError(f"{kind} {name!r} has no parameter {key!r}{did_you_mean(key, known)}; it has: {valid}")
+
+
+def _load(path: str, what: str) -> Callable[..., Any]:
+    module, _, attribute = path.partition(":")
+    try:
+        return getattr(importlib.import_module(module), attribute)
+    except ModuleNotFoundError as error:
+        raise UnknownNameError(f"{what}: there is no module {error.name!r}") from error
+    except (AttributeError, ValueError) as error:
+        raise UnknownNameError(f"{what}: {module!r} has no {attribute!r}") from error

@@ -1,0 +1,373 @@
+"""From a scenario to a finished run: builds the parts, runs the loop, judges and files the result."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import time as wall
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from robocar.core import SE2, Array, Context, Goal, Mapper, OutputError, ScenarioError, frozen_array
+from robocar.core.randomness import stream
+from robocar.estimation.odometry import OdometryEstimator
+from robocar.fingerprint import fingerprint, versions
+from robocar.formats import Trajectory, save_ros_map, write_tum
+from robocar.metrics import Metric, RunLog, summarize
+from robocar.navigation import Episode, Progress, Rules, navigate
+from robocar.recording import NullRecorder, Recorder, Scenery
+from robocar.registry import build, find
+from robocar.scenario import Scenario, load_scenario, split_overrides
+from robocar.scene import Scene
+from robocar.sim.car import FitOut, footprint
+from robocar.sim.movers import MovingObstacle
+from robocar.sim.oracle import PoseOracle
+from robocar.sim.simulation import Simulation
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RunResult:
+    """A finished run.
+
+    Args:
+        status, reason: how it ended; `success` where the goal was reached.
+        metrics: by name, see `robocar.metrics`.
+        hash: sha256 over the physics state at each control tick: equal seeds, equal hash.
+        truth, estimate, odometry: trajectories, at the same times.
+        directory: where the files are, None if none were asked for.
+        traceback: of a part that raised, else empty.
+    """
+
+    scenario: str
+    navigator: str
+    estimator: str
+    mapper: str
+    seed: int
+    status: str
+    reason: str
+    metrics: dict[str, Metric]
+    hash: str
+    truth: Trajectory
+    estimate: Trajectory
+    odometry: Trajectory
+    directory: Path | None = None
+    traceback: str = ""
+
+    @property
+    def success(self) -> bool:
+        return self.status == "success"
+
+    def value(self, metric: str) -> float | int | None:
+        """The number of one metric."""
+        return self.metrics[metric]["value"]
+
+    @property
+    def recording(self) -> Path | None:
+        """The `.rrd` file, if one was written."""
+        path = self.directory / "run.rrd" if self.directory is not None else None
+        return path if path is not None and path.is_file() else None
+
+    def summary(self) -> dict[str, Any]:
+        """The content of `metrics.json`."""
+        return {
+            "schema": SCHEMA,
+            "scenario": self.scenario,
+            "navigator": self.navigator,
+            "estimator": self.estimator,
+            "mapper": self.mapper,
+            "seed": self.seed,
+            "status": self.status,
+            "reason": self.reason,
+            "hash": self.hash,
+            "fingerprint": fingerprint(),
+            "versions": versions(),
+            "metrics": self.metrics,
+        }
+
+
+def run(
+    scenario: str | Path | Mapping[str, Any] | Scenario,
+    *,
+    navigator: str | None = None,
+    estimator: str | None = None,
+    mapper: str | None = None,
+    seed: int = 0,
+    settings: Mapping[str, Any] | None = None,
+    out: str | Path | None = None,
+    record: bool = True,
+    live: bool = False,
+    force: bool = False,
+    progress: Progress | None = None,
+) -> RunResult:
+    """Run one episode.
+
+    Args:
+        scenario: a name from `models/scenarios`, a file, a mapping with the same keys, or a `Scenario`.
+        navigator, estimator, mapper: registered names or `package.module:factory`; the scenario's defaults otherwise.
+        seed: of all noise, tolerances and sampling.
+        settings: what `--set` takes, e.g. `{"robot.lidar": "hokuyo", "navigator.speed": 0.2}`.
+        out: the run directory is made in here; None writes no files.
+        record: write `run.rrd` (with `out`); live: also show the run in a viewer while it goes on.
+        force: replace an existing run.
+        progress: told after every tick how far the run has got.
+
+    Raises:
+        RobocarError: bad input or an output that cannot be written. What goes wrong during the run is in the result's status.
+    """
+    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+        raise ScenarioError(f"the seed must be a whole number from 0 on, not {seed!r}")
+    scenario_settings, parameters = split_overrides(settings or {})
+    loaded = load_scenario(scenario, scenario_settings)
+    chosen = {
+        "navigator": navigator or loaded.defaults.navigator,
+        "estimator": estimator or loaded.defaults.estimator,
+        "mapper": mapper or loaded.defaults.mapper,
+    }
+    for kind, name in chosen.items():
+        find(kind, name)  # type: ignore[arg-type]
+    scene = Scene.load(loaded, footprint())
+    with ExitStack() as stack:
+        files = stack.enter_context(RunDirectory(out, loaded, chosen, seed, settings or {}, force)) if out is not None else None
+        return _run(stack, loaded, scene, chosen, parameters, seed, files, record, live, progress)
+
+
+def _run(
+    stack: ExitStack,
+    scenario: Scenario,
+    scene: Scene,
+    chosen: Mapping[str, str],
+    parameters: Mapping[str, dict[str, Any]],
+    seed: int,
+    files: RunDirectory | None,
+    record: bool,
+    live: bool,
+    progress: Progress | None,
+) -> RunResult:
+    started = wall.perf_counter()
+    robot_model = scenario.robot
+    fit_out = FitOut(
+        robot_model.sonars, robot_model.lidar, robot_model.compass, robot_model.camera, robot_model.top_camera
+    )
+    car = Simulation(
+        scene.world(),
+        start=scene.start,
+        seed=seed,
+        fit_out=fit_out,
+        sensors=robot_model.sensors,
+        physics=robot_model.physics,
+        clearance=scene.clearance,
+        movers=[MovingObstacle(mover) for mover in scene.movers],
+    )
+    stack.callback(car.close)
+
+    def context(component: str, given: dict[str, Any]) -> Context:
+        return Context(
+            robot=car.robot,
+            prior=scene.prior,
+            start=scene.start if scenario.start_known else None,
+            landmarks=scene.landmarks,
+            parameters=given,
+            rng=stream(seed, component),
+            control_period=car.control_period,
+        )
+
+    parts = {
+        kind: build(kind, chosen[kind], context(f"{kind}/{chosen[kind]}", parameters[kind]))  # type: ignore[arg-type]
+        for kind in ("navigator", "estimator", "mapper")
+    }
+    if isinstance(parts["estimator"], PoseOracle):
+        parts["estimator"].connect(car.ground_truth)
+    goal = scene.goal
+    recorder = _recorder(files, scenario, scene, car, chosen, seed, goal, live) if files and record else NullRecorder()
+    episode = navigate(
+        car,
+        parts["estimator"],
+        parts["mapper"],
+        parts["navigator"],
+        recorder,
+        OdometryEstimator(context("odometry", {})),
+        goal,
+        _rules(scenario),
+        progress,
+    )
+    result = _result(episode, scenario, scene, car, chosen, seed, wall.perf_counter() - started)
+    recorder.close(result.summary())
+    if files is not None:
+        result = _file(files, result, parts["mapper"])
+    return result
+
+
+def _rules(scenario: Scenario) -> Rules:
+    return Rules(
+        time_limit=scenario.time_limit,
+        end_on_contact=scenario.on_contact == "end",
+        success_radius=scenario.success_radius,
+        movement_radius=scenario.progress.required_movement_radius,
+        movement_angle=scenario.progress.required_movement_angle,
+        movement_time=scenario.progress.movement_time_allowance,
+        kidnaps=tuple(sorted(((e.time, SE2(*e.kidnap)) for e in scenario.events), key=lambda event: event[0])),
+    )
+
+
+def _recorder(
+    files: RunDirectory,
+    scenario: Scenario,
+    scene: Scene,
+    car: Simulation,
+    chosen: Mapping[str, str],
+    seed: int,
+    goal: Goal | None,
+    live: bool,
+) -> Recorder:
+    from robocar.recording import RerunRecorder  # takes most of a second to import
+
+    scenery = Scenery(
+        truth=scene.enclosed,
+        prior=scene.prior,
+        robot=car.robot,
+        goal=goal,
+        landmarks=scene.landmarks,
+        solids=scene.solids,
+        wall_height=scenario.wall_height,
+    )
+    properties = {"scenario": scenario.name, **chosen, "seed": seed}
+    return RerunRecorder(files.path / "run.rrd", run_id=files.name, scenery=scenery, live=live, properties=properties)
+
+
+def _result(
+    episode: Episode,
+    scenario: Scenario,
+    scene: Scene,
+    car: Simulation,
+    chosen: Mapping[str, str],
+    seed: int,
+    wall_time: float,
+) -> RunResult:
+    ticks = episode.ticks
+    times = np.array([tick.truth.time for tick in ticks])
+
+    def poses(of: Callable[[Any], SE2]) -> Array:
+        return np.array([of(tick).as_array() for tick in ticks]).reshape(-1, 3)
+
+    truth = poses(lambda tick: tick.truth.pose)
+    estimate = poses(lambda tick: tick.belief.pose)
+    odometry = poses(lambda tick: tick.odometry)
+    log = RunLog(
+        time=times,
+        truth_poses=truth,
+        truth_twists=np.array([(t.truth.twist.v, t.truth.twist.omega) for t in ticks]).reshape(-1, 2),
+        estimate_poses=estimate,
+        odometry_poses=odometry,
+        clearance=np.array([tick.truth.clearance for tick in ticks]),
+        contact=np.array([tick.truth.contact for tick in ticks], dtype=bool),
+        standing=np.array([tick.standing for tick in ticks], dtype=bool),
+        plan_time=np.array([tick.plan_time for tick in ticks]),
+        replans=episode.replans,
+        status=episode.status,
+        grid=scene.true_grid,
+        footprint=car.robot.footprint,
+        start=scene.start,
+        goal=scene.goal,
+        wall_time=wall_time,
+    )
+    return RunResult(
+        scenario=scenario.name,
+        navigator=chosen["navigator"],
+        estimator=chosen["estimator"],
+        mapper=chosen["mapper"],
+        seed=seed,
+        status=episode.status,
+        reason=episode.reason,
+        metrics=summarize(log),
+        hash=car.hash,
+        truth=Trajectory(frozen_array(times), frozen_array(truth)),
+        estimate=Trajectory(frozen_array(times), frozen_array(estimate)),
+        odometry=Trajectory(frozen_array(times), frozen_array(odometry)),
+        traceback=episode.traceback,
+    )
+
+
+class RunDirectory:
+    """The files of one run: written beside their place and renamed when complete, so a broken run never looks whole.
+
+    `path` is where to write; a run that ends by an exception leaves nothing but what `path` then holds (a recording, say), under a name
+    that starts with a dot and ends with `.partial`.
+    """
+
+    def __init__(
+        self,
+        out: str | Path,
+        scenario: Scenario,
+        chosen: Mapping[str, str],
+        seed: int,
+        settings: Mapping[str, Any],
+        force: bool,
+    ) -> None:
+        parts = [scenario.name, chosen["navigator"], chosen["estimator"], chosen["mapper"], f"s{seed}"]
+        if settings:
+            text = json.dumps(dict(sorted(settings.items())), sort_keys=True, default=str)
+            parts.append(hashlib.sha256(text.encode()).hexdigest()[:8])
+        self.name = "--".join(part.replace("/", "_").replace(":", "_") for part in parts)
+        self.final = Path(out) / self.name
+        self.path = Path(out) / f".{self.name}.{os.getpid()}.partial"
+        self._force = force
+        self._config = {
+            "scenario": scenario.model_dump(mode="json"),
+            **dict(chosen),
+            "seed": seed,
+            "settings": dict(settings),
+            "versions": versions(),
+            "fingerprint": fingerprint(),
+        }
+
+    def __enter__(self) -> RunDirectory:
+        if self.final.exists() and not self._force:
+            raise OutputError(f"{self.final}: this run exists already; --force replaces it")
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            (self.path / "config.yaml").write_text(yaml.safe_dump(self._config, sort_keys=False))
+        except OSError as error:
+            raise OutputError(f"{self.final.parent}: cannot write a run here: {error.strerror or error}") from error
+        return self
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, OSError):
+            raise OutputError(f"{self.path}: cannot write: {error.strerror or error}") from error
+
+    def complete(self) -> Path:
+        """Everything is written: give the directory its name."""
+        if self.final.exists():
+            old = self.final.with_name(f".{self.name}.{os.getpid()}.replaced")
+            os.rename(self.final, old)
+            os.rename(self.path, self.final)
+            shutil.rmtree(old)
+        else:
+            os.rename(self.path, self.final)
+        return self.final
+
+
+def _file(files: RunDirectory, result: RunResult, mapper: Mapper) -> RunResult:
+    """Writes the files of a finished run and returns the result that knows where they are."""
+    for name in ("truth", "estimate", "odometry"):
+        trajectory: Trajectory = getattr(result, name)
+        write_tum(files.path / f"{name}.tum", trajectory.times, trajectory.poses)
+    grid = mapper.grid()
+    if grid is not None:
+        save_ros_map(grid, files.path / "map")
+    if result.traceback:
+        (files.path / "error.txt").write_text(result.traceback)
+    (files.path / "metrics.json").write_text(json.dumps(result.summary(), indent=1) + "\n")
+    directory = files.complete()
+    return RunResult(
+        **{name: getattr(result, name) for name in RunResult.__dataclass_fields__ if name != "directory"}, directory=directory
+    )

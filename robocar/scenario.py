@@ -1,0 +1,314 @@
+"""Scenario files: what world the car is put into, what it carries and knows, and where it shall go (design, section 9)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from robocar.core import SE2, ScenarioError
+from robocar.core.solids import Box, Cylinder, Solid
+from robocar.paths import MODELS
+from robocar.registry import did_you_mean
+from robocar.sim.movers import Mover
+from robocar.sim.sensors import SensorParameters
+from robocar.sim.simulation import PhysicsParameters
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Point = tuple[Finite, Finite]
+PoseTriple = tuple[Finite, Finite, Finite]
+COMPONENTS = ("navigator", "estimator", "mapper")
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class SolidModel(_Model):
+    """A box (length, width, height) or a cylinder (radius, height) that stands in the world."""
+
+    box: tuple[Positive, Positive, Positive] | None = None
+    cylinder: tuple[Positive, Positive] | None = None
+    pose: PoseTriple
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> SolidModel:
+        if (self.box is None) == (self.cylinder is None):
+            raise ValueError("give either box: [length, width, height] or cylinder: [radius, height]")
+        return self
+
+    def solid(self) -> Solid:
+        if self.box is not None:
+            return Box(self.box, SE2(*self.pose))
+        assert self.cylinder is not None
+        return Cylinder(*self.cylinder, SE2(*self.pose))
+
+
+class LandmarkModel(_Model):
+    """A coloured ball. Without a z its lowest point is at the height of the walls."""
+
+    color: Literal["red", "green", "blue", "orange", "yellow", "magenta", "cyan"]
+    position: Point | PoseTriple
+    radius: Positive = 0.10
+    name: str | None = None
+
+
+class MoverModel(_Model):
+    """A moving obstacle: a box or a cylinder that goes from way point to way point at constant speed, again and again."""
+
+    name: str
+    box: tuple[Positive, Positive, Positive] | None = None
+    cylinder: tuple[Positive, Positive] | None = None
+    heading: Finite = 0.0
+    waypoints: Annotated[list[Point], Field(min_length=1)]
+    speed: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.2
+    mass: Positive = 5.0
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> MoverModel:
+        if (self.box is None) == (self.cylinder is None):
+            raise ValueError("give either box: [length, width, height] or cylinder: [radius, height]")
+        return self
+
+    def mover(self) -> Mover:
+        """It starts at its first way point."""
+        (x, y), *others = self.waypoints
+        return Mover(
+            self.name,
+            "box" if self.box is not None else "cylinder",
+            self.box or self.cylinder or (),
+            SE2(x, y, self.heading),
+            np.array([*others, (x, y)]) if others else np.empty((0, 2)),
+            self.speed,
+            self.mass,
+        )
+
+
+class EventModel(_Model):
+    """Something that happens at a time, between two ticks."""
+
+    time: Annotated[float, Field(ge=0)]
+    kidnap: PoseTriple
+
+
+class RobotModel(_Model):
+    """The fit-out of the car."""
+
+    sonars: Literal["none", "front", "front+sides", "ring"] = "front"
+    lidar: Literal["none", "hokuyo", "scan360"] = "none"
+    compass: bool = False
+    camera: bool = False
+    camera_pan: Literal["fixed", "sweep"] = "fixed"
+    top_camera: bool = False
+    sensors: SensorParameters = Field(default_factory=SensorParameters)
+    physics: PhysicsParameters = Field(default_factory=PhysicsParameters)
+
+
+class ProgressModel(_Model):
+    """The progress checker, with Nav2's names: move this far [m] or turn this far [rad] within this time [s], or be `stuck`."""
+
+    required_movement_radius: Positive = 0.10
+    required_movement_angle: Positive = 0.30
+    movement_time_allowance: Positive = 20.0
+
+
+class DefaultsModel(_Model):
+    """What runs if the command line does not say."""
+
+    navigator: str = "a-star"
+    estimator: str = "odometry"
+    mapper: str = "none"
+
+
+class Scenario(_Model):
+    """One scenario, as in its YAML file."""
+
+    name: str = "unnamed"
+    description: str = ""
+    map: str
+    resolution: Positive | None = None
+    prior: str = "truth"
+    unknown_obstacles: list[SolidModel] = []
+    border: Literal["wall", "open"] = "wall"
+    wall_height: Positive = 0.30
+    start: PoseTriple
+    start_known: bool = True
+    goal: Point | PoseTriple | None = None
+    goal_may_be_blocked: bool = False
+    xy_goal_tolerance: Positive = 0.10
+    yaw_goal_tolerance: Positive = 0.25
+    success_radius: Positive = 0.25
+    landmarks: list[LandmarkModel] = []
+    movers: list[MoverModel] = []
+    events: list[EventModel] = []
+    robot: RobotModel = RobotModel()
+    on_contact: Literal["end", "continue"] = "end"
+    lighting: Literal["default", "dim", "bright"] = "default"
+    progress: ProgressModel = ProgressModel()
+    time_limit: Positive = 120.0
+    defaults: DefaultsModel = DefaultsModel()
+    folder: Annotated[Path, Field(exclude=True, repr=False)] = MODELS / "scenarios"
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Scenario:
+        if self.success_radius < self.xy_goal_tolerance:
+            raise ValueError(
+                f"success_radius ({self.success_radius}) must not be smaller than xy_goal_tolerance ({self.xy_goal_tolerance})"
+            )
+        names = [mover.name for mover in self.movers]
+        if len(set(names)) != len(names):
+            raise ValueError(f"movers need different names, not {names}")
+        return self
+
+    def file(self, name: str) -> Path:
+        """A file that the scenario names: beside it, in its parent folder, or in `models/`."""
+        path = Path(name).expanduser()
+        candidates = [path] if path.is_absolute() else [base / path for base in (self.folder, self.folder.parent, MODELS)]
+        for candidate in candidates:
+            if candidate.is_file():
+                return candidate
+        raise ScenarioError(f"scenario {self.name}: there is no file {name!r} beside it or in {MODELS.name}/")
+
+
+def scenario_names() -> list[str]:
+    """Scenarios that come with Robocar."""
+    return sorted(file.stem for file in (MODELS / "scenarios").glob("*.yaml"))
+
+
+def find_scenario(name: str) -> Path:
+    """The file of a scenario given by name or path.
+
+    Raises:
+        ScenarioError: there is none; the message lists what there is.
+    """
+    if name.endswith((".yaml", ".yml")) or "/" in name:
+        path = Path(name).expanduser()
+        if path.is_file():
+            return path
+        raise ScenarioError(f"{name}: no such scenario file")
+    path = MODELS / "scenarios" / f"{name}.yaml"
+    if path.is_file():
+        return path
+    known = scenario_names()
+    raise ScenarioError(f"unknown scenario {name!r}{did_you_mean(name, known)}; known: {', '.join(known)}")
+
+
+def load_scenario(source: str | Path | Mapping[str, Any] | Scenario, overrides: Mapping[str, Any] | None = None) -> Scenario:
+    """A scenario from a name, a file, a mapping or another scenario, with dotted overrides (`{"robot.lidar": "hokuyo"}`).
+
+    Raises:
+        ScenarioError: no such file, not YAML, unknown keys or bad values; the message names each field.
+    """
+    if isinstance(source, Scenario):
+        content, where, folder = source.model_dump(), source.name, source.folder
+    elif isinstance(source, Mapping):
+        content, where, folder = dict(source), str(source.get("name", "scenario")), Path.cwd()
+    else:
+        path = find_scenario(str(source))
+        content, where, folder = _read_yaml(path), str(path), path.resolve().parent
+        content.setdefault("name", path.stem)
+    for key, value in (overrides or {}).items():
+        _put(content, key, value)
+    return _validated(content | {"folder": folder}, where)
+
+
+def _read_yaml(path: Path) -> dict[str, Any]:
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path}: cannot be read: {error}") from error
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f" line {mark.line + 1}:" if mark is not None else ""
+        raise ScenarioError(f"{path}:{line} not YAML: {getattr(error, 'problem', error)}") from error
+    if not isinstance(content, dict):
+        raise ScenarioError(f"{path}: a scenario is a mapping of keys to values, not {type(content).__name__}")
+    if "folder" in content:
+        raise ScenarioError(f"{path}: unknown key 'folder'")
+    return content
+
+
+def _put(content: dict[str, Any], key: str, value: Any) -> None:
+    """Sets a dotted key in nested mappings; that it exists is checked when the result is validated."""
+    *parents, last = key.split(".")
+    for parent in parents:
+        inner = content.get(parent)
+        content[parent] = inner = dict(inner) if isinstance(inner, Mapping) else {}
+        content = inner
+    content[last] = value
+
+
+def _validated(content: dict[str, Any], where: str) -> Scenario:
+    try:
+        return Scenario.model_validate(content)
+    except ValidationError as error:
+        raise ScenarioError(f"{where}: " + "; ".join(_explain(e) for e in error.errors())) from error
+
+
+def _explain(error: Any) -> str:
+    """One pydantic error in our words."""
+    location = [part for part in error["loc"] if not (isinstance(part, str) and ("[" in part or part.startswith("function-")))]
+    field = ".".join(str(part) for part in location)
+    if error["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+        return f"unknown key {field!r}{did_you_mean(str(location[-1]), _keys_at(location[:-1]))}"
+    if error["type"] == "missing":
+        return f"missing key {field!r}"
+    message = error["msg"].removeprefix("Value error, ")
+    if error["type"] == "value_error":
+        return f"{field}: {message}" if field else message
+    return f"{field}: {message}, not {error['input']!r}"
+
+
+def _keys_at(location: list[Any]) -> list[str]:
+    """Valid keys of the model that a location leads to."""
+    schema = Scenario.model_json_schema()
+    node: dict[str, Any] = schema
+    for part in location:
+        node = node.get("items", {}) if isinstance(part, int) else node.get("properties", {}).get(part, {})
+        for choice in (node, *node.get("anyOf", []), *node.get("allOf", [])):
+            if "$ref" in choice:
+                node = schema["$defs"][choice["$ref"].rpartition("/")[2]]
+                break
+    return [key for key in node.get("properties", {}) if key != "folder"]
+
+
+def split_overrides(settings: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """`--set` pairs, apart: those of the scenario, and those of the navigator, the estimator and the mapper."""
+    scenario: dict[str, Any] = {}
+    components: dict[str, dict[str, Any]] = {kind: {} for kind in COMPONENTS}
+    for key, value in settings.items():
+        head, dot, rest = key.partition(".")
+        if dot and head in components:
+            components[head][rest] = value
+        elif key in COMPONENTS:
+            raise ScenarioError(f"--set {key}: choose it with --{key}; --set {key}.<parameter>=<value> sets its parameters")
+        else:
+            scenario[key] = value
+    return scenario, components
+
+
+def parse_setting(text: str) -> tuple[str, Any]:
+    """`path.to.parameter=value`, the value in YAML."""
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip():
+        raise ScenarioError(f"--set {text!r}: expected path.to.parameter=value")
+    try:
+        return key.strip(), yaml.safe_load(value)
+    except yaml.YAMLError as error:
+        raise ScenarioError(f"--set {text!r}: the value is not YAML") from error
+
+
+def pose_of(values: tuple[float, ...]) -> SE2:
+    """x, y and an optional angle."""
+    return SE2(values[0], values[1], values[2] if len(values) > 2 else 0.0)
+
+
+def goal_heading(values: tuple[float, ...] | None) -> float | None:
+    """The goal's heading where one is given [rad]."""
+    return math.remainder(values[2], math.tau) if values is not None and len(values) > 2 else None

@@ -1,0 +1,210 @@
+"""The world of a scenario: its maps, what stands and moves in it, and whether everything fits."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import mujoco
+import numpy as np
+
+from robocar.core import (
+    OCCUPIED,
+    SE2,
+    Array,
+    Footprint,
+    Goal,
+    GoalOccupied,
+    Landmark,
+    OccupancyGrid,
+    OutsideMap,
+    RobocarError,
+    ScenarioError,
+    StartOccupied,
+)
+from robocar.core.distance import ClearanceField, polygon_distance
+from robocar.core.solids import Box, Cylinder, Solid
+from robocar.formats import load_map
+from robocar.scenario import Scenario, goal_heading, pose_of
+from robocar.sim import world
+from robocar.sim.movers import Mover
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A checked scenario with its files loaded.
+
+    Args:
+        scenario: as written.
+        grid: the map that physics is built from.
+        prior: the map that the robot is given, or None.
+        solids: obstacles that stand in the world but not on the prior.
+        landmarks: coloured balls.
+        start: true world_from_robot at the beginning.
+        goal: or None.
+    """
+
+    scenario: Scenario
+    grid: OccupancyGrid
+    prior: OccupancyGrid | None
+    solids: tuple[Solid, ...]
+    landmarks: tuple[Landmark, ...]
+    start: SE2
+    goal: Goal | None
+
+    @classmethod
+    def load(cls, scenario: Scenario, footprint: Footprint) -> Scene:
+        """Load the files and check that the car fits where it shall be.
+
+        Raises:
+            MapFormatError: a map cannot be read.
+            StartOccupied, GoalOccupied, OutsideMap, ScenarioError: something lies where it must not.
+        """
+        grid = load_map(scenario.file(scenario.map), scenario.resolution)
+        if scenario.prior == "none":
+            prior = None
+        elif scenario.prior == "truth":
+            prior = grid
+        else:
+            prior = load_map(scenario.file(scenario.prior), scenario.resolution)
+        goal = None
+        if scenario.goal is not None:
+            goal = Goal(
+                np.array(scenario.goal[:2]),
+                goal_heading(scenario.goal),
+                scenario.xy_goal_tolerance,
+                scenario.yaw_goal_tolerance,
+            )
+        scene = cls(
+            scenario,
+            grid,
+            prior,
+            tuple(obstacle.solid() for obstacle in scenario.unknown_obstacles),
+            _landmarks(scenario),
+            pose_of(scenario.start),
+            goal,
+        )
+        scene._check(footprint)
+        return scene
+
+    @cached_property
+    def enclosed(self) -> OccupancyGrid:
+        """The map with the wall around it, where there is one, as a ring of occupied cells."""
+        if self.scenario.border == "open":
+            return self.grid
+        edge = -self.grid.resolution
+        data = np.pad(self.grid.data, 1, constant_values=OCCUPIED)
+        return OccupancyGrid(data, self.grid.resolution, self.grid.origin @ SE2(edge, edge, 0.0))
+
+    @cached_property
+    def _walls(self) -> ClearanceField:
+        return ClearanceField(self.enclosed, self.enclosed.occupied)
+
+    def clearance(self, polygon: Array) -> float:
+        """Distance from a convex polygon (n, 2) to the nearest wall or solid, 0 where they overlap [m]."""
+        nearest = float(self._walls.footprint(polygon))
+        for outline, centre, radius in self._outlines:
+            if math.dist(centre, polygon.mean(axis=0)) - radius < nearest + 0.5:
+                nearest = min(nearest, polygon_distance(polygon, outline))
+        return nearest
+
+    @cached_property
+    def movers(self) -> tuple[Mover, ...]:
+        """The moving obstacles."""
+        return tuple(mover.mover() for mover in self.scenario.movers)
+
+    @cached_property
+    def _outlines(self) -> list[tuple[Array, tuple[float, float], float]]:
+        return [(solid.outline(), (solid.pose.x, solid.pose.y), solid.radius) for solid in self.solids]
+
+    @cached_property
+    def true_grid(self) -> OccupancyGrid:
+        """The map with the solids drawn in: every cell that one of them covers or touches."""
+        data = self.grid.data.copy()
+        for solid in self.solids:
+            rows, cols = self._cells_near(solid)
+            half = 0.5 * self.grid.resolution
+            square = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
+            outline = solid.outline()
+            for row in rows:
+                for col in cols:
+                    corners = self.grid.world_from_cell((row, col)) + SE2(theta=self.grid.origin.theta).transform(square)
+                    if polygon_distance(corners, outline) == 0.0:
+                        data[row, col] = OCCUPIED
+        return OccupancyGrid(data, self.grid.resolution, self.grid.origin)
+
+    def _cells_near(self, solid: Solid) -> tuple[range, range]:
+        row, col = (int(i) for i in self.grid.cell_from_world(solid.pose.position))
+        reach = math.ceil(solid.radius / self.grid.resolution) + 1
+        rows, cols = self.grid.shape
+        return range(max(0, row - reach), min(rows, row + reach + 1)), range(max(0, col - reach), min(cols, col + reach + 1))
+
+    def world(self) -> mujoco.MjSpec:
+        """The MuJoCo world, without the car."""
+        scenario = self.scenario
+        return world.build_world(
+            self.grid,
+            wall_height=scenario.wall_height,
+            landmarks=self.landmarks,
+            boxes=[world.Box(s.pose, s.size) for s in self.solids if isinstance(s, Box)],
+            cylinders=[world.Cylinder(s.pose.x, s.pose.y, s.radius, s.height) for s in self.solids if isinstance(s, Cylinder)],
+            movers=self.movers,
+            border=scenario.border,
+            lighting=scenario.lighting,
+            top_camera=scenario.robot.top_camera,
+        )
+
+    # -- checks ---------------------------------------------------------------------------------------------------------
+
+    def _check(self, footprint: Footprint) -> None:
+        where = f"scenario {self.scenario.name}"
+        self._check_pose(footprint, self.start, f"{where}: start", StartOccupied)
+        for event in self.scenario.events:
+            self._check_pose(footprint, SE2(*event.kidnap), f"{where}: kidnap at {event.time:g} s", ScenarioError)
+        if self.goal is not None and not self.scenario.goal_may_be_blocked:
+            self._check_goal(footprint, self.goal, f"{where}: goal")
+
+    def _check_pose(self, footprint: Footprint, pose: SE2, what: str, error: type[RobocarError]) -> None:
+        try:
+            self.grid.cell_inside(pose.position, what)
+        except OutsideMap:
+            if self.scenario.border == "wall":
+                raise
+        if self.clearance(footprint.at(pose)) > 0.0:
+            return
+        spot = f"({pose.x:g}, {pose.y:g}, {pose.theta:g})"
+        if float(self._walls.points(pose.position[None])[0]) == 0.0:
+            raise error(f"{what} {spot} lies in a wall")
+        raise error(f"{what} {spot} is too tight: the car's footprint touches an obstacle there")
+
+    def _check_goal(self, footprint: Footprint, goal: Goal, what: str) -> None:
+        x, y = goal.position
+        maps = {"map": self.grid} if self.prior is None else {"prior map": self.prior, "map": self.grid}
+        for name, grid in maps.items():
+            try:
+                cell = grid.cell_inside(goal.position, what)
+            except OutsideMap:
+                if self.scenario.border == "wall":
+                    raise
+                continue
+            if grid.occupied[cell]:
+                raise GoalOccupied(f"{what} ({x:g}, {y:g}) lies in a wall of the {name}")
+            room = float(ClearanceField(grid, grid.occupied).points(goal.position[None])[0])
+            if room < footprint.inscribed_radius:
+                raise GoalOccupied(
+                    f"{what} ({x:g}, {y:g}) is too tight: the nearest wall of the {name} is {room:.3f} m away, "
+                    f"the car needs {footprint.inscribed_radius:.3f} m"
+                )
+        spot = Footprint.circle(footprint.inscribed_radius).at(SE2(float(x), float(y)))
+        if self.clearance(spot) == 0.0:
+            raise GoalOccupied(f"{what} ({x:g}, {y:g}) is too tight: an unknown obstacle or the border stands there")
+
+
+def _landmarks(scenario: Scenario) -> tuple[Landmark, ...]:
+    balls = []
+    for i, ball in enumerate(scenario.landmarks):
+        x, y, *rest = ball.position
+        z = rest[0] if rest else scenario.wall_height + ball.radius
+        balls.append(Landmark(ball.name or f"{ball.color}_{i}", ball.color, np.array([x, y, z]), ball.radius))
+    return tuple(balls)
