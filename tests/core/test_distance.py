@@ -85,11 +85,13 @@ def test_clearance_of_points_against_all_squares(seed: int, rows: int, cols: int
     grid = GridMap(blocked, 0.05, SE2(-1, 3, theta))
     local = np.random.default_rng(seed).uniform(-20, 60, (50, 2))
     points = grid.origin.transform(local * grid.resolution)
-    np.testing.assert_allclose(ClearanceField(grid, blocked).points(points), 0.05 * all_point_distances(blocked, local), atol=1e-12)
+    np.testing.assert_allclose(
+        ClearanceField(grid, blocked).points(points), 0.05 * all_point_distances(blocked, local), atol=1e-12
+    )
 
 
 def convex_distance(a: np.ndarray, b: np.ndarray) -> float:
-    """Distance of two convex hulls: 0 if a linear program finds a common point, else a quadratic program over both hulls' weights."""
+    """Distance of two convex hulls: 0 if a linear program finds a common point, else a quadratic program over the weights."""
     m, n = len(a), len(b)
     equal = np.vstack([np.hstack([a.T, -b.T]), np.r_[np.ones(m), np.zeros(n)], np.r_[np.zeros(m), np.ones(n)]])
     if linprog(np.zeros(m + n), A_eq=equal, b_eq=[0, 0, 1, 1]).status == 0:
@@ -158,7 +160,7 @@ def test_footprint_clearance_against_all_squares(seed: int, theta: float, headin
 
 
 def test_clearance_in_a_corridor() -> None:
-    """Oracle: walls at y = 0 and y = 2, a 0.4 m wide car: (2 - 0.4) / 2 in the middle, less when shifted or turned, never negative."""
+    """Oracle: by hand: walls at y = 0 and y = 2, a 0.4 m wide car: (2 - 0.4) / 2 in the middle, never negative."""
     blocked = np.zeros((22, 100), dtype=bool)
     blocked[[0, -1]] = True
     field = ClearanceField(GridMap(blocked, 0.1, SE2(-5, -0.1)), blocked)

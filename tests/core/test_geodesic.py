@@ -6,7 +6,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.sparse.csgraph import dijkstra
 
@@ -20,7 +20,8 @@ DATA = FilePath(os.environ.get("ROBOCAR_DATA", FilePath(__file__).parents[2] / "
 def visibility_graph_length(blocked: np.ndarray, start: tuple, goal: tuple, radius: float) -> float:
     """Shortest path in cells over all pairs of points around all corners, by scipy's Dijkstra.
 
-    Each corner of each square is ringed by a polygon around the disc: 24 sides cost an arc at most 0.6 %. A point keeps a hair off.
+    Each corner of each square is ringed by a polygon around the disc: 24 sides cost an arc at most 0.6 %. A point keeps a hair
+    off.
     """
     ring = max(radius, 1e-4)
     angles = (np.arange(24) + 0.5) * (2 * np.pi / 24)
@@ -40,21 +41,17 @@ def visibility_graph_length(blocked: np.ndarray, start: tuple, goal: tuple, radi
 
 
 @settings(max_examples=25)
-@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.3, 0.7, 1.0]))
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.3, 0.65, 1.0]))
 def test_against_a_visibility_graph(seed: int, radius: float) -> None:
     """Oracle: brute force. The graph's arcs are up to 0.6 % too long, so ours may be that much shorter, and 1 % longer."""
     rng = np.random.default_rng(seed)
     blocked = rng.random((8, 9)) < 0.12
     free = np.argwhere(obstacle_distance(blocked, 1.0) > radius)
-    rows = free[rng.integers(len(free), size=2)] if len(free) else np.zeros((2, 2), dtype=int)
-    start, goal = (tuple(float(v) for v in cell[::-1] + 0.5) for cell in rows)
-    grid = GridMap(blocked, 1.0)
-    length = geodesic_distance(grid, blocked, start, goal, radius)
-    if not len(free):
-        blocked[0, 0] = True
-    expected = visibility_graph_length(blocked, start, goal, radius) if len(free) else math.inf
-    # Where only a gap of nearly the disc's width joins them, both may say no way; ours never finds one that is not there.
-    assert 0.994 * expected <= length <= 1.01 * expected + 1e-9
+    assume(len(free) >= 2)
+    start, goal = (tuple(float(v) for v in cell[::-1] + 0.5) for cell in rng.choice(free, 2, replace=False))
+    length = geodesic_distance(GridMap(blocked, 1.0), blocked, start, goal, radius)
+    expected = visibility_graph_length(blocked, start, goal, radius)
+    assert 0.994 * expected <= length <= 1.01 * expected
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.05, 0.3, 1.0, 2.5])
@@ -102,7 +99,7 @@ def test_serpentine_in_closed_form() -> None:
     assert geodesic_distance(GridMap(blocked, 1.0), blocked, points[0], points[-1], 0.0) == pytest.approx(expected, rel=2e-4)
 
 
-@pytest.mark.parametrize(("radius", "passes"), [(0.9, True), (0.99, True), (1.01, False)])
+@pytest.mark.parametrize(("radius", "passes"), [(0.9, True), (0.99, True), (1.0, False), (1.01, False)])
 def test_a_gap_of_two_cells(radius: float, passes: bool) -> None:
     """Oracle: a disc passes a gap of two cells if its diameter is below two; the middle lies between the cells' centres."""
     blocked = np.zeros((12, 15), dtype=bool)
@@ -122,7 +119,13 @@ def test_diagonal_neighbours_leave_no_gap() -> None:
 
 @pytest.mark.parametrize(
     ("start", "goal", "radius"),
-    [((2.5, 2.5), (8, 8), 0.1), ((8, 8), (2.5, 2.5), 0.1), ((-1, 5), (8, 8), 0.1), ((8, 8), (5, 11), 0.1), ((4, 2.5), (8, 8), 1.5)],
+    [
+        ((2.5, 2.5), (8, 8), 0.1),
+        ((8, 8), (2.5, 2.5), 0.1),
+        ((-1, 5), (8, 8), 0.1),
+        ((8, 8), (5, 11), 0.1),
+        ((4, 2.5), (8, 8), 1.5),
+    ],
 )
 def test_no_path_from_where_the_disc_does_not_fit(start: tuple, goal: tuple, radius: float) -> None:
     """Oracle: by hand: inside a wall, outside the grid, too near to a wall."""
@@ -144,10 +147,10 @@ def test_the_path_is_free_and_symmetric(seed: int, radius: float) -> None:
     points = ends if path is None else path.points
     field = ClearanceField(grid, blocked)
     stretches = np.stack([points[:-1], points[1:]], axis=1)
-    assert path is None or min(field.footprint(stretch) for stretch in stretches) >= radius - 1e-6
+    assert path is None or min(field.footprint(stretch) for stretch in stretches) >= radius
     np.testing.assert_allclose(points[[0, -1]], ends, atol=1e-12)
     there = math.inf if path is None else path.length
-    assert geodesic_distance(grid, blocked, ends[1], ends[0], radius) == pytest.approx(there, rel=5e-3)
+    assert geodesic_distance(grid, blocked, ends[1], ends[0], radius) == pytest.approx(there, rel=3e-4)
     assert geodesic_distance(grid, blocked, *ends, 0.7 * radius) <= there * 1.005
 
 

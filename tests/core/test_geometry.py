@@ -68,7 +68,9 @@ def test_wrapped_angle_is_the_same_direction_in_the_half_open_interval(angle: fl
         assert math.hypot(math.cos(wrapped) - math.cos(angle), math.sin(wrapped) - math.sin(angle)) < 1e-9
 
 
-@pytest.mark.parametrize(("angle", "expected"), [(math.pi, math.pi), (-math.pi, math.pi), (3 * math.pi, math.pi), (0, 0), (4, 4 - math.tau)])
+@pytest.mark.parametrize(
+    ("angle", "expected"), [(math.pi, math.pi), (-math.pi, math.pi), (3 * math.pi, math.pi), (0, 0), (4, 4 - math.tau)]
+)
 def test_wrap_at_the_ends(angle: float, expected: float) -> None:
     assert wrap_angle(angle) == pytest.approx(expected, abs=1e-15)
     assert wrap_angles([angle])[0] == pytest.approx(expected, abs=1e-15)

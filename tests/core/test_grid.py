@@ -23,7 +23,9 @@ def test_the_centre_of_a_cell_lies_in_the_cell(origin: SE2, resolution: float, c
 
 
 @given(origins, st.floats(0.01, 2), cells, st.floats(-0.49, 0.49), st.floats(-0.49, 0.49))
-def test_any_point_within_the_cell_maps_to_it(origin: SE2, resolution: float, cell: tuple[int, int], du: float, dv: float) -> None:
+def test_any_point_within_the_cell_maps_to_it(
+    origin: SE2, resolution: float, cell: tuple[int, int], du: float, dv: float
+) -> None:
     """Oracle: property; the offset is made along the axes of the grid, with cosines of its own."""
     grid = GridMap(np.zeros((4, 7)), resolution, origin)
     c, s = math.cos(origin.theta), math.sin(origin.theta)

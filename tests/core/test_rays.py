@@ -2,6 +2,7 @@
 
 import math
 from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ def crossed_exactly(x0: Fraction, y0: Fraction, x1: Fraction, y1: Fraction) -> l
         borders = range(math.floor(min(a, b)), math.floor(max(a, b)) + 2) if a != b else ()
         cuts |= {t for border in borders if 0 <= (t := (border - a) / (b - a)) <= 1}
     order = sorted(cuts)
-    middles = [(s + t) / 2 for s, t in zip(order, order[1:], strict=False)]
+    middles = [(s + t) / 2 for s, t in pairwise(order)]
     return [(math.floor(y0 + t * (y1 - y0)), math.floor(x0 + t * (x1 - x0))) for t in middles]
 
 
@@ -82,7 +83,9 @@ def test_first_hit_against_all_boxes(seed: int, x: float, y: float, angle: float
     expected = box_hit(blocked, x, y, dx, dy)
     # Grazing a corner by less than rounding may go either way: the oracle says whether this ray does.
     turned = [box_hit(blocked, x, y, math.cos(angle + e), math.sin(angle + e)) for e in (-1e-9, 1e-9)]
-    assert first_hit(blocked, x, y, dx, dy, math.inf) == pytest.approx(expected, abs=1e-9) or turned[0] != pytest.approx(turned[1])
+    assert first_hit(blocked, x, y, dx, dy, math.inf) == pytest.approx(expected, abs=1e-9) or turned[0] != pytest.approx(
+        turned[1]
+    )
 
 
 @pytest.mark.parametrize(("dx", "dy", "expected"), [(1, 0, 3.5), (-1, 0, math.inf), (0, 1, math.inf), (0, -1, 1.5)])
@@ -109,7 +112,9 @@ def test_rays_in_the_world_follow_a_shifted_and_rotated_grid() -> None:
     home, moved = GridMap(blocked, 0.1), GridMap(blocked, 0.1, SE2(-3, 5, 2.1))
     angles = np.linspace(-3, 3, 101)
     at_home = cast_rays(home, blocked, [2.03, 1.51], angles, 2.0)
-    np.testing.assert_allclose(cast_rays(moved, blocked, moved.origin.transform([2.03, 1.51]), angles + 2.1, 2.0), at_home, atol=1e-9)
+    np.testing.assert_allclose(
+        cast_rays(moved, blocked, moved.origin.transform([2.03, 1.51]), angles + 2.1, 2.0), at_home, atol=1e-9
+    )
     expected = [box_hit(blocked, 20.3, 15.1, np.cos(a), np.sin(a)) * 0.1 for a in angles]
     np.testing.assert_allclose(at_home, np.where(np.array(expected) <= 2.0, expected, np.inf), atol=1e-9)
 
