@@ -1,0 +1,365 @@
+"""Writes a run as a Rerun recording (`run.rrd`)."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from itertools import chain
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import rerun as rr
+
+from robocar.core import (
+    SE2,
+    Belief,
+    Command,
+    Done,
+    GiveUp,
+    Image,
+    Mapper,
+    Observation,
+    OccupancyGrid,
+    OutputError,
+    Scan,
+    Serial,
+)
+from robocar.core.trace import Scalar, Text, Trace
+from robocar.core.truth import GroundTruth
+from robocar.recording import about, codec, columns, drawing, palette
+from robocar.recording.blueprint import blueprint, extent
+from robocar.recording.columns import Buffer
+from robocar.recording.scenery import Scenery
+from robocar.recording.sheet import SERIES, Sheet
+from robocar.recording.throttle import Throttle
+
+FLUSH_TICKS, LIVE_FLUSH_TICKS = 200, 4
+GRID_INTERVAL, GRID_RATE = 0.5, 200_000.0  # [s], [cells/s]
+TRACE_INTERVAL, TRACE_RATE = 0.2, 20_000.0  # [s], [B/s]
+PARTICLE_INTERVAL, MOST_PARTICLES = 0.5, 200
+LASER_INTERVAL, MOST_BEAMS = 0.2, 200
+
+_FOOTER = b"RRF2FOOT"
+
+
+class RerunRecorder:
+    """A recorder that writes `path` and, if `live`, also shows the run in a viewer while it goes on.
+
+    Numbers are collected and written every `flush_ticks` ticks, so a killed run can be read up to there. What is large is written
+    less often than it changes: maps twice a second, what a trace draws five times, less often where it is big, particles as a
+    subset. Observations and commands are written exactly (`robocar.recording.codec`).
+
+    Args:
+        path: of the file; an existing one is replaced.
+        run_id: names the run; the same id makes recordings of equal runs equal.
+        scenery: the static world.
+        live: open a viewer and stream to it.
+        properties: facts known before the run, e.g. scenario and seed.
+        flush_ticks: between two writings; by default 200, or 4 if live.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        run_id: str,
+        scenery: Scenery,
+        live: bool = False,
+        properties: Mapping[str, Any] | None = None,
+        flush_ticks: int | None = None,
+    ) -> None:
+        self._path = FilePath(path)
+        self._properties = dict(properties or {})
+        self._flush_ticks = flush_ticks or (LIVE_FLUSH_TICKS if live else FLUSH_TICKS)
+        self._tick, self._time = -1, 0.0
+        self._sheet = Sheet()
+        self._buffers: dict[str, Buffer] = {}
+        self._observed = Buffer("observation", _observation_columns)
+        self._commanded = Buffer("command", _command_columns)
+        self._mounts: dict[str, Any] = {}
+        self._texts: dict[str, Any] = {}
+        self._traces = Throttle(TRACE_INTERVAL, TRACE_RATE, drawing.drawable_bytes)
+        self._next_grid = self._next_particles = self._next_ellipse = self._next_laser = -math.inf
+        self._grid: OccupancyGrid | None = None
+        self._scale = max(
+            1.0, max(extent(scenery)[1:]) / 4.0
+        )  # lines of a map of 40 m are not drawn as thin as those of one of 4 m
+        self._contact = False
+        self._closed = False
+        rr.set_strict_mode(True)  # otherwise a bad argument is a warning and the data is gone
+        # Chunks end where this class flushes, not where a clock says: equal runs have equal files.
+        self._stream = rr.RecordingStream(
+            "robocar", recording_id=run_id, send_properties=False, batcher_config=rr.ChunkBatcherConfig.NEVER()
+        )
+        self._open(scenery, live)
+
+    def _open(self, scenery: Scenery, live: bool) -> None:
+        robot = scenery.robot
+        views = blueprint(scenery, cameras=robot is None or robot.camera or robot.top_camera)
+        try:
+            if live:
+                rr.spawn(connect=False, hide_welcome_screen=True)
+                self._stream.set_sinks(rr.FileSink(str(self._path)), rr.GrpcSink(), default_blueprint=views)
+            else:
+                self._stream.save(self._path, default_blueprint=views)
+        except RuntimeError as error:
+            raise OutputError(f"{self._path}: cannot write the recording: {error}") from error
+        self._stream.set_log_time_enabled(False)
+        drawing.log_scenery(self._stream, scenery)
+        for name, color in SERIES.items():
+            style = rr.SeriesLines(colors=[palette.rgba32(color)], widths=1.5, names=name.rpartition("/")[2])
+            self._stream.log(f"signals/{name}", style, static=True)
+        # Where the three coincide, the narrower ones on top leave the rims of the wider ones to be seen.
+        for name, color, width in (
+            ("odometry", palette.ODOMETRY, 2.6),
+            ("estimate", palette.ESTIMATE, 2.0),
+            ("truth", palette.TRUTH, 1.3),
+        ):
+            line = rr.LineStrips3D.from_fields(colors=[palette.rgba32(color)], radii=rr.Radius.ui_points(width))
+            # The path lies in the map, not in the moving frame of its parent.
+            self._stream.log(f"world/{name}/path", line, rr.CoordinateFrame(drawing.WORLD_FRAME), static=True)
+        self._stream.log("world/estimate/particles", rr.CoordinateFrame(drawing.WORLD_FRAME), static=True)
+        line = rr.LineStrips3D.from_fields(colors=[palette.rgba32(palette.ESTIMATE)], radii=rr.Radius.ui_points(1.0))
+        self._stream.log("world/estimate/covariance", line, rr.CoordinateFrame(drawing.WORLD_FRAME), static=True)
+        self._about(None)
+        self._flush()
+
+    def log(
+        self,
+        observation: Observation,
+        belief: Belief,
+        mapper: Mapper,
+        command: Command,
+        truth: GroundTruth | None,
+        *,
+        odometry: SE2 | None = None,
+        planning_time: float | None = None,
+    ) -> None:
+        """See `Recorder.log`."""
+        self._tick += 1
+        self._time = observation.time
+        self._observed.append(self._tick, self._time, codec.encode_observation(observation))
+        self._commanded.append(self._tick, self._time, codec.encode_command(command))
+        self._sheet.append(self._tick, self._time, belief, command, truth, odometry, planning_time)
+        if truth is not None:
+            self._truth(truth)
+        self._command(command)
+        self._sensors(observation)
+        self._belief(belief)
+        self._map(mapper)
+        self._trace(belief.trace)
+        self._trace(command.trace)
+        for name, item in self._traces.due(self._time):
+            self._log(name, drawing.drawable(item, self._scale))
+        if (self._tick + 1) % self._flush_ticks == 0:
+            self._flush()
+
+    def close(self, result: Mapping[str, Any] | None = None) -> None:
+        """See `Recorder.close`. Closing twice is the same as closing once."""
+        if self._closed:
+            return
+        for name, item in self._traces.due(math.inf):
+            self._log(name, drawing.drawable(item, self._scale))
+        facts = dict(about.flat(self._properties)) | dict(about.flat(result or {}))
+        if facts:
+            self._stream.send_property("run", rr.AnyValues(**facts))
+        self._about(result)
+        try:
+            self._flush()
+        finally:
+            self._closed = True
+            self._stream.disconnect()
+        # The footer is written on disconnecting, when nobody is told of a full disk.
+        with self._path.open("rb") as file:
+            file.seek(-min(64, self._path.stat().st_size), os.SEEK_END)
+            if _FOOTER not in file.read():
+                raise OutputError(self._failure())
+
+    # ---- one tick, part by part ----
+
+    def _truth(self, truth: GroundTruth) -> None:
+        for name, pose in truth.movers.items():
+            entity = f"world/movers/{rr.escape_entity_path_part(name)}"
+            self._buffer(entity, columns.poses).append(self._tick, self._time, (pose.x, pose.y, pose.theta))
+        if truth.contact and not self._contact:
+            self._status("the car touches something", "WARN")
+        self._contact = truth.contact
+
+    def _command(self, command: Command) -> None:
+        match command:
+            case Serial(line):
+                self._log("log/serial", rr.TextLog(f"> {line}", level="INFO"))
+            case Done(reason):
+                self._status(f"done: {reason}", "INFO")
+            case GiveUp(reason, status):
+                self._status(f"{status}: {reason}", "WARN")
+
+    def _sensors(self, observation: Observation) -> None:
+        for line in observation.serial:
+            self._log("log/serial", rr.TextLog(f"< {line}", level="ERROR" if line.startswith("ERR") else "INFO"))
+        for scan in observation.sonars:
+            self._sonar(scan)
+        if observation.lidar is not None and self._time >= self._next_laser:
+            self._next_laser = self._time + LASER_INTERVAL
+            self._laser(observation.lidar)
+        if observation.image is not None:
+            self._image("image", observation.image)
+        if observation.top_image is not None:
+            self._image("top_image", observation.top_image)
+        if observation.landmarks:
+            seen = [(d.range * math.cos(d.bearing), d.range * math.sin(d.bearing)) for d in observation.landmarks]
+            rays = [drawing.raised(np.array([(0.0, 0.0), point]), drawing.SENSOR_LAYER) for point in seen]
+            labels = [d.landmark for d in observation.landmarks]
+            self._log(
+                "world/robot/detections",
+                rr.LineStrips3D(rays, colors=[palette.rgba32(palette.LASER)], radii=0.006, labels=labels),
+            )
+
+    def _sonar(self, scan: Scan) -> None:
+        entity = f"world/robot/sonar/{rr.escape_entity_path_part(scan.name or 'sonar')}"
+        mount = (scan.robot_from_sensor, scan.beam_width, float(scan.bearings[0]))
+        if self._mounts.get(entity) != mount:
+            self._mounts[entity] = mount
+            self._log(entity, drawing.transform(scan.robot_from_sensor, drawing.SENSOR_LAYER))
+            self._log(f"{entity}/cone", drawing.cone(float(scan.bearings[0]), scan.beam_width))
+        distance = float(scan.ranges[0])
+        heard = math.isfinite(distance)
+        row = (distance if heard else scan.max_range, palette.rgba32(palette.ECHO if heard else palette.NO_ECHO))
+        self._buffer(f"{entity}/cone", columns.cones).append(self._tick, self._time, row)
+
+    def _laser(self, scan: Scan) -> None:
+        entity = "world/robot/lidar"
+        if self._mounts.get(entity) != scan.robot_from_sensor:
+            self._mounts[entity] = scan.robot_from_sensor
+            self._log(entity, drawing.transform(scan.robot_from_sensor, drawing.SENSOR_LAYER))
+            self._log(f"{entity}/hits", rr.Points3D.from_fields(colors=[palette.rgba32(palette.LASER)], radii=[0.015]))
+        self._buffer(f"{entity}/hits", columns.clouds).append(self._tick, self._time, drawing.laser_hits(scan, MOST_BEAMS))
+
+    def _image(self, name: str, image: Image) -> None:
+        entity = codec.IMAGE_ENTITIES[name]
+        mount = (image.intrinsics.tobytes(), np.asarray(image.robot_from_camera).tobytes(), image.pixels.shape)
+        if self._mounts.get(entity) != mount:
+            self._mounts[entity] = mount
+            self._log(entity, *drawing.camera(image))
+        png = codec.encode_png(image.pixels)
+        self._log(f"{entity}/image", rr.EncodedImage(contents=png, media_type="image/png"))
+
+    def _belief(self, belief: Belief) -> None:
+        if belief.covariance is not None and self._time >= self._next_ellipse:
+            self._next_ellipse = self._time + PARTICLE_INTERVAL
+            row = (belief.pose.position, belief.covariance[:2, :2])
+            self._buffer("world/estimate/covariance", _ellipse_columns).append(self._tick, self._time, row)
+        if belief.particles is not None and len(belief.particles) and self._time >= self._next_particles:
+            self._next_particles = self._time + PARTICLE_INTERVAL
+            self._log("world/estimate/particles", drawing.particles(belief.particles, MOST_PARTICLES))
+
+    def _map(self, mapper: Mapper) -> None:
+        if self._time < self._next_grid:
+            return
+        grid = mapper.grid()
+        self._next_grid = self._time + GRID_INTERVAL
+        if grid is None or grid is self._grid:
+            return
+        known = self._grid
+        if known is None or not grid.same_place(known) or not np.array_equal(grid.data, known.data):
+            self._next_grid = self._time + max(GRID_INTERVAL, grid.data.size / GRID_RATE)
+            self._log("world/map/estimate", drawing.grid_image(grid, palette.grid_colors(grid), drawing.MAP_LAYER))
+        self._grid = grid
+
+    def _trace(self, trace: Trace) -> None:
+        for name, item in trace.items():
+            if isinstance(item, Scalar):
+                self._number(name if name not in SERIES else f"trace/{name}", item.value)
+            elif isinstance(item, Text):
+                if self._texts.get(name) != item:
+                    self._texts[name] = item
+                    self._status(item.message, item.level)
+            else:
+                folder = "world" if name.startswith("costmap/") else "world/plan"
+                self._traces.offer(f"{folder}/{name}", item)
+
+    # ---- small ones ----
+
+    def _number(self, name: str, value: float) -> None:
+        self._buffer(f"signals/{name}", columns.scalars).append(self._tick, self._time, value)
+
+    def _status(self, message: str, level: str) -> None:
+        self._log("log/status", rr.TextLog(message, level=level))
+
+    def _buffer(self, entity: str, build: columns.Builder) -> Buffer:
+        buffer = self._buffers.get(entity)
+        if buffer is None:
+            buffer = self._buffers[entity] = Buffer(entity, build)
+        return buffer
+
+    def _log(self, entity: str, *parts: rr.AsComponents) -> None:
+        """A row of whatever there is; rows with the same components go into the same columns."""
+        row = {}
+        for part in parts:
+            for batch in part.as_component_batches():
+                if (values := batch.as_arrow_array()) is not None:
+                    row[batch.component_descriptor()] = values
+        key = " ".join([entity, *map(str, row)])
+        buffer = self._buffers.get(key)
+        if buffer is None:
+            buffer = self._buffers[key] = Buffer(entity, columns.archetypes)
+        buffer.append(max(self._tick, 0), self._time, row)
+
+    def _about(self, result: Mapping[str, Any] | None) -> None:
+        page = rr.TextDocument(about.page(self._properties, result), media_type="text/markdown")
+        self._stream.log("log/about", page, static=True)
+
+    def _flush(self) -> None:
+        self._sheet.send(self._stream)
+        for buffer in (self._observed, self._commanded, *self._buffers.values()):
+            buffer.send(self._stream)
+        try:
+            self._stream.flush()
+        except RuntimeError as error:
+            self._closed = True
+            self._stream.disconnect()
+            raise OutputError(self._failure()) from error
+
+    def _failure(self) -> str:
+        """What to say when the file cannot be written to the end."""
+        disk = os.statvfs(self._path.parent)
+        free = disk.f_bavail * disk.f_frsize
+        cause = f"the disk is full ({free} bytes free)" if free < 1 << 20 else "writing failed"
+        return f"{self._path}: the recording is incomplete: {cause}"
+
+
+def _observation_columns(rows: columns.Rows) -> list[rr.ComponentColumn]:
+    return _table(rows, codec.NUMBERS, codec.TEXTS)
+
+
+def _command_columns(rows: columns.Rows) -> list[rr.ComponentColumn]:
+    return _table(rows, codec.COMMAND_NUMBERS, codec.COMMAND_TEXTS)
+
+
+def _ellipse_columns(rows: columns.Rows) -> list[rr.ComponentColumn]:
+    positions, covariances = (np.array(part) for part in zip(*rows, strict=True))
+    return columns.strips(drawing.covariance_ellipses(positions, covariances), drawing.ELLIPSE_CORNERS)
+
+
+def _table(rows: columns.Rows, numbers: tuple[str, ...], texts: tuple[str, ...]) -> list[rr.ComponentColumn]:
+    """Columns of the rows of `codec`, without those that are empty throughout."""
+    table = []
+    for name in numbers + texts:
+        values = [row.get(name, ()) for row in rows]
+        lengths = [len(value) for value in values]
+        if not any(lengths):
+            continue
+        if name in texts:
+            flat = pa.array(list(chain.from_iterable(values)), pa.string())
+        elif any(isinstance(value, np.ndarray) for value in values):
+            flat = pa.array(np.concatenate([value for value in values if len(value)], dtype=np.float64))
+        else:
+            flat = pa.array(np.array(list(chain.from_iterable(values)), dtype=np.float64))
+        table.append(columns.cells(name, flat, lengths))
+    return table
