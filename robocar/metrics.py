@@ -43,6 +43,7 @@ class RunLog:
         start: the true pose before the first tick.
         goal: or None, for tasks without one.
         wall_time: of the whole run [s], or None.
+        carried: whether an event moved the car since the tick before (`kidnap`), (n,) bool, or None where there is none.
     """
 
     time: Array
@@ -61,13 +62,16 @@ class RunLog:
     start: SE2
     goal: Goal | None = None
     wall_time: float | None = None
+    carried: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         n = np.size(self.time)
+        object.__setattr__(self, "carried", np.zeros(n, dtype=bool) if self.carried is None else self.carried)
         shapes = {"time": (n,), "truth_poses": (n, 3), "truth_twists": (n, 2), "estimate_poses": (n, 3)}
         shapes |= {"odometry_poses": (n, 3), "clearance": (n,), "contact": (n,), "standing": (n,), "plan_time": (n,)}
+        shapes |= {"carried": (n,)}
         for name, shape in shapes.items():
-            array = frozen_array(getattr(self, name), bool if name in ("contact", "standing") else float)
+            array = frozen_array(getattr(self, name), bool if name in ("contact", "standing", "carried") else float)
             if n == 0 and array.size == 0:
                 array = frozen_array(array.reshape(shape), array.dtype)
             if array.shape != shape:
@@ -80,7 +84,7 @@ class RunLog:
 def summarize(log: RunLog) -> dict[str, Metric]:
     """All metrics that every run has, in the order of `metrics.json`."""
     truth, twists = log.truth_poses, log.truth_twists
-    seconds, length = duration(log.time), path_length(truth)
+    seconds, length = duration(log.time), path_length(truth, log.carried)
     shortest = shortest_path_length(log.grid, log.footprint, log.start, log.goal)
     moving, standing = contacts(log.contact, log.standing)
     values: dict[str, tuple[float | int | None, str]] = {
@@ -99,7 +103,7 @@ def summarize(log: RunLog) -> dict[str, Metric]:
         "heading_rmse": (heading_rmse(truth, log.estimate_poses), "rad"),
         "final_position_error": (final_position_error(truth, log.estimate_poses), "m"),
         "odometry_position_rmse": (odometry_position_rmse(truth, log.odometry_poses), "m"),
-        "angle_over_length": (angle_over_length(truth), "rad/m"),
+        "angle_over_length": (angle_over_length(truth, log.carried), "rad/m"),
         "jerk_rms": (jerk_rms(log.time, twists[:, 0]), "m/s^3"),
         "wall_time": (log.wall_time, "s"),
         "real_time_factor": (real_time_factor(seconds, log.wall_time), "1"),
@@ -113,13 +117,15 @@ def duration(time: ArrayLike) -> float | None:
     return float(time[-1] - time[0]) if time.size else None
 
 
-def path_length(poses: ArrayLike) -> float | None:
+def path_length(poses: ArrayLike, carried: ArrayLike | None = None) -> float | None:
     """Way that the car's origin really went: sum of |p_k - p_(k-1)| over the true positions [m]; None without a tick.
 
-    Anderson et al., On Evaluation of Embodied Navigation Agents (2018), section 3: the length p_i that SPL compares.
+    Steps over which the car was `carried` (n,) do not count. Anderson et al., On Evaluation of Embodied Navigation Agents (2018),
+    section 3: the length p_i that SPL compares.
     """
-    poses = _finite_rows(poses)
-    return float(np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1).sum()) if len(poses) else None
+    if not len(_finite_rows(poses)):
+        return None
+    return float(np.linalg.norm(_steps(poses, carried)[:, :2], axis=1).sum())
 
 
 def shortest_path_length(grid: OccupancyGrid, footprint: Footprint, start: SE2, goal: Goal | None) -> float | None:
@@ -215,16 +221,15 @@ def odometry_position_rmse(truth: ArrayLike, odometry: ArrayLike) -> float | Non
     return position_rmse(truth, odometry)
 
 
-def angle_over_length(poses: ArrayLike) -> float | None:
+def angle_over_length(poses: ArrayLike, carried: ArrayLike | None = None) -> float | None:
     """Turning per way: sum of |wrap(theta_k - theta_(k-1))| over `path_length` [rad/m]; None where the car did not move.
 
     Heiden et al., Bench-MR (2021), section on metrics (AOL). For a circle it is the curvature.
     """
-    poses = _finite_rows(poses)
-    length = path_length(poses)
+    length = path_length(poses, carried)
     if not length:
         return None
-    return float(np.abs(wrap_angles(np.diff(poses[:, 2]))).sum()) / length
+    return float(np.abs(wrap_angles(_steps(poses, carried)[:, 2])).sum()) / length
 
 
 def jerk_rms(time: ArrayLike, speed: ArrayLike) -> float | None:
@@ -253,6 +258,15 @@ def _finite(value: float | int | None) -> float | int | None:
 def _finite_rows(rows: ArrayLike) -> Array:
     rows = np.asarray(rows, dtype=float)
     return rows[np.isfinite(rows).all(axis=1)] if rows.size else rows.reshape(0, 3)
+
+
+def _steps(poses: ArrayLike, carried: ArrayLike | None) -> Array:
+    """Differences of consecutive poses (n, 3), without those over which the car was carried."""
+    poses = np.asarray(poses, dtype=float)
+    finite = np.isfinite(poses).all(axis=1)
+    # Counting the carries makes one that falls on a dropped row cut the step across that row.
+    carries = np.cumsum(np.zeros(len(poses)) if carried is None else np.asarray(carried, dtype=float))[finite]
+    return np.diff(poses[finite], axis=0)[np.diff(carries) == 0]
 
 
 def _finite_pairs(a: ArrayLike, b: ArrayLike) -> tuple[Array, Array]:
