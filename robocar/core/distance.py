@@ -341,7 +341,7 @@ class ClearanceField:
 
     def points(self, points: ArrayLike) -> Array:
         """Distance of world points (n, 2) [m] to the nearest blocked square, (n,) [m]; 0 inside, inf if nothing is blocked."""
-        points = np.ascontiguousarray(points, dtype=float)
+        points = np.array(points, dtype=float, order="C")
         return _tree_query(self._tree, self._frame, points[:, None, :])
 
     def footprint(self, vertices: ArrayLike) -> float:
@@ -353,7 +353,7 @@ class ClearanceField:
         Returns:
             [m]; 0 where they touch or overlap, inf where nothing is blocked.
         """
-        vertices = np.ascontiguousarray(vertices, dtype=float)
+        vertices = np.array(vertices, dtype=float, order="C")
         return float(_tree_query(self._tree, self._frame, vertices[None])[0])
 
 
@@ -387,11 +387,12 @@ def polygon_distance(a: ArrayLike, b: ArrayLike) -> float:
 
     One corner makes a point, two a segment: a cylinder's clearance is that of its centre less its radius.
     """
-    return float(_polygons(np.ascontiguousarray(a, dtype=float), np.ascontiguousarray(b, dtype=float)))
+    return float(_polygons(np.array(a, dtype=float, order="C"), np.array(b, dtype=float, order="C")))
 
 
 def _mask(blocked: ArrayLike) -> Blocked:
-    blocked = np.ascontiguousarray(blocked, dtype=bool)
+    # A copy, as for corners above: numba compiles anew for read-only arrays, and must not do so in the control loop.
+    blocked = np.array(blocked, dtype=bool, order="C")
     if blocked.ndim != 2 or blocked.size == 0:
         raise ValueError(f"blocked cells need rows and columns, not shape {blocked.shape}")
     return blocked

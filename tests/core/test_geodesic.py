@@ -54,6 +54,29 @@ def test_against_a_visibility_graph(seed: int, radius: float) -> None:
     assert 0.994 * expected <= length <= 1.01 * expected
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_larger_maps_against_a_visibility_graph(seed: int) -> None:
+    """Oracle: brute force for (nearly) a point: one node just off every convex corner is enough."""
+    rng = np.random.default_rng(seed)
+    side, off = 40, 1e-4
+    blocked = rng.random((side, side)) < (0.1, 0.2, 0.3)[seed % 3]
+    blocked[:3, :3] = blocked[-3:, -3:] = False
+    nodes = [(0.5, 0.5), (side - 0.5, side - 0.5)]
+    for row, col in np.ndindex(side - 1, side - 1):
+        four = blocked[row : row + 2, col : col + 2]
+        if four.sum() == 1:
+            (i, j) = np.argwhere(four)[0]
+            nodes.append((col + 1 + (1 - 2 * j) * off, row + 1 + (1 - 2 * i) * off))
+    tree, weights = pyramid(blocked), np.zeros((len(nodes), len(nodes)))
+    for i, p in enumerate(nodes):
+        for j, q in enumerate(nodes[:i]):
+            if segment_clear(tree, *p, *q, 0.99 * off):
+                weights[i, j] = math.dist(p, q)
+    expected = dijkstra(weights, directed=False, indices=0)[1]
+    length = geodesic_distance(GridMap(blocked, 1.0), blocked, *nodes[:2], off)
+    assert expected - 1e-2 <= length <= 1.01 * expected
+
+
 @pytest.mark.parametrize("radius", [0.0, 0.05, 0.3, 1.0, 2.5])
 @pytest.mark.parametrize("scale", [0.05, 1.0])
 def test_around_the_end_of_a_wall(radius: float, scale: float) -> None:
