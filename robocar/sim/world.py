@@ -288,7 +288,7 @@ def _add_landmarks(spec: mujoco.MjSpec, landmarks: Sequence[Landmark], wall_heig
             raise ScenarioError(f"landmark {landmark.name!r}: radius {landmark.radius} must be a positive number of metres")
         name = f"landmark/{landmark.name}"
         spec.add_material(name=name, rgba=[*COLORS[landmark.color], 1.0], specular=0.0, emission=0.3)
-        in_the_way = position[2] - landmark.radius < wall_height
+        in_the_way = position[2] - landmark.radius < wall_height - 1e-6  # one that lies on a wall is not
         geom = _solid() if in_the_way else {"group": SEEN_GROUP, "contype": 0, "conaffinity": 0}
         spec.worldbody.add_geom(
             name=name,
