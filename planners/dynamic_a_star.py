@@ -49,7 +49,7 @@ from robocar.core import (
 )
 
 FINE = 0.025  # [m] resolution of the grid on which echoes are gathered
-_HIT, _MOST = 2, 12  # evidence from which on a fine cell counts as an obstacle, and its cap
+_HIT, _MOST, _LEAST = 2, 8, -6  # evidence from which on a fine cell counts as an obstacle, and its bounds
 _PRIOR = 100  # evidence of what the prior map shows: never taken back
 
 
@@ -69,8 +69,8 @@ class Parameters:
     look_around: Literal["auto", "always", "never"] = "auto"
     cell_size: float = 0.30
     margin: float = 0.015
-    hit_range: float = 1.2
-    free_range: float = 0.8
+    hit_range: float = 0.65
+    free_range: float = 0.65
     speed: float = 0.25
     turn_rate: float = 1.2
 
@@ -99,27 +99,33 @@ def _mark_cone(
 ) -> None:
     """One echo on the fine grid; all lengths in fine cells, angles in the grid's frame.
 
-    Cells about as far away as the echo gain evidence, more in the middle of the cone; nearer ones lose some. An echo off the cone's axis is
-    taken back by the readings that look past it.
+    Cells about as far away as the echo gain evidence in the middle of the cone; all nearer ones lose some. The first echo may have come from
+    the cone's edge; what was marked wrongly then is taken back by the readings next to it, which look past it: together they leave the
+    surface that explains all of them (a morphological closing of the ranges by the cone).
     """
     rows, cols = evidence.shape
-    reach = max(min(reading - tolerance, free_reach), reading + tolerance)
-    for i in range(max(0, int(row - reach) - 1), min(rows, int(row + reach) + 2)):
-        for j in range(max(0, int(col - reach) - 1), min(cols, int(col + reach) + 2)):
+    reach = reading + tolerance if reading <= free_reach else free_reach
+    ux, uy = math.cos(heading), math.sin(heading)
+    cos_edge, cos_middle = math.cos(half_angle), math.cos(0.6 * half_angle)
+    # The cone's bounding box: its apex, the ends of its edges, and the circle's extremes where the cone holds them.
+    low_col, high_col, low_row, high_row = col, col, row, row
+    for angle in (heading - half_angle, heading, heading + half_angle):
+        x, y = col + reach * math.cos(angle) / cos_edge, row + reach * math.sin(angle) / cos_edge
+        low_col, high_col = min(low_col, x), max(high_col, x)
+        low_row, high_row = min(low_row, y), max(high_row, y)
+    for i in range(max(0, int(low_row)), min(rows, int(high_row) + 1)):
+        for j in range(max(0, int(low_col)), min(cols, int(high_col) + 1)):
             if evidence[i, j] >= _PRIOR:
                 continue
             dx, dy = j + 0.5 - col, i + 0.5 - row
             distance = math.hypot(dx, dy)
-            if distance > reach or distance < 1e-9:
+            along = dx * ux + dy * uy
+            if distance > reach or along < cos_edge * distance:
                 continue
-            off = abs((math.atan2(dy, dx) - heading + math.pi) % (2 * math.pi) - math.pi)
-            if off > half_angle:
-                continue
-            if abs(distance - reading) <= tolerance:
-                gain = 3 if off < 0.4 * half_angle else 1
-                evidence[i, j] = min(_MOST, evidence[i, j] + gain)
-            elif distance < reading and distance <= free_reach:
-                evidence[i, j] = max(-4, evidence[i, j] - 1)
+            if distance < reading - 0.5:
+                evidence[i, j] = max(_LEAST, evidence[i, j] - 3)
+            elif along >= cos_middle * distance:
+                evidence[i, j] = min(_MOST, evidence[i, j] + 2)
 
 
 @njit(cache=True)
@@ -183,10 +189,10 @@ class ObstacleMemory:
         self._origin = world_from_lattice
         self._bounded = prior is not None
 
-    def _grid_point(self, point: Array) -> tuple[float, float]:
+    def _grid_point(self, point: Array | tuple[float, float]) -> tuple[float, float]:
         """(column, row) of a world point."""
-        x, y = self._origin.inverse().transform(point) / self.resolution
-        return float(x), float(y)
+        x, y = self._origin.inverse_apply(float(point[0]), float(point[1]))
+        return x / self.resolution, y / self.resolution
 
     def _grow(self, point: Array, reach: float) -> None:
         """Makes room for `reach` [m] around a world point; without a prior the world has no known end."""
@@ -216,7 +222,7 @@ class ObstacleMemory:
                     self._evidence, col, row, heading + bearing, seen * scale, half, free_range * scale, 0.02 * scale
                 )
 
-    def cell_blocked(self, centre: Array, disc: float, half_width: float, half_cell: float) -> bool:
+    def cell_blocked(self, centre: tuple[float, float], disc: float, half_width: float, half_cell: float) -> bool:
         """See `_cell_blocked`; lengths in metres."""
         scale = 1.0 / self.resolution
         col, row = self._grid_point(centre)
@@ -259,6 +265,11 @@ class Lattice:
             offset = -(half + 0.5) * cell_size
             self.origin = SE2(start.x + offset, start.y + offset, 0.0)
             self.shape = 2 * half + 1, 2 * half + 1
+
+    def centre(self, cell: tuple[int, int]) -> tuple[float, float]:
+        """World point in the middle of a cell (row, col) [m]."""
+        row, col = cell
+        return self.origin.apply((col + 0.5) * self.cell_size, (row + 0.5) * self.cell_size)
 
     def costmap(self, blocked: NDArray[np.bool_]) -> Costmap:
         """The cells as a costmap for the search: free or lethal."""
@@ -338,7 +349,7 @@ class DynamicAStar:
         """Whether something has turned up on the way that is left."""
         lattice, memory = self._lattice, self._memory
         assert lattice is not None and memory is not None
-        nearby = 2.0 * self._parameters.hit_range
+        nearby = self._parameters.hit_range + 2.0 * self._parameters.cell_size
         previous = pose.position
         for k, point in enumerate(self._way):
             if math.dist(point, pose.position) > nearby:
@@ -429,13 +440,13 @@ class DynamicAStar:
     def _cell(self, point: Array) -> tuple[int, int]:
         lattice = self._lattice
         assert lattice is not None
-        col, row = np.floor(lattice.origin.inverse().transform(point) / lattice.cell_size).astype(int)
-        return int(row), int(col)
+        x, y = lattice.origin.inverse_apply(float(point[0]), float(point[1]))
+        return math.floor(y / lattice.cell_size), math.floor(x / lattice.cell_size)
 
     def _is_blocked(self, cell: tuple[int, int]) -> bool:
         lattice, memory = self._lattice, self._memory
         assert lattice is not None and memory is not None
-        centre = lattice.origin.transform((np.array(cell[::-1]) + 0.5) * lattice.cell_size)
+        centre = lattice.centre(cell)
         return memory.cell_blocked(centre, self._disc, self._half_width, 0.5 * lattice.cell_size)
 
     # -- driving ------------------------------------------------------------------------------------------------------
@@ -477,7 +488,7 @@ class DynamicAStar:
     def _centre(self, pose: SE2) -> Array:
         lattice = self._lattice
         assert lattice is not None
-        return lattice.origin.transform((np.array(self._cell(pose.position)[::-1]) + 0.5) * lattice.cell_size)
+        return np.array(lattice.centre(self._cell(pose.position)))
 
     def _rate(self, error: float) -> float:
         """Turning rate towards a heading: slows down in time to stop there."""

@@ -89,6 +89,7 @@ class Tick:
     odometry: SE2
     standing: bool
     plan_time: float
+    carried: bool  # somebody put the car here since the last tick
 
 
 @dataclass(slots=True)
@@ -106,6 +107,7 @@ class Episode:
     traceback: str = ""
     ticks: list[Tick] = field(default_factory=list)
     replans: int = 0
+    carried: bool = False
     _anchor: SE2 | None = None
     _anchor_time: float = 0.0
     _kidnapped: int = 0
@@ -162,10 +164,12 @@ class Episode:
 
     def play_events(self, car: Car, time: float) -> None:
         """What happens between two ticks, unseen by the estimators."""
+        self.carried = False
         while self._kidnapped < len(self.rules.kidnaps) and self.rules.kidnaps[self._kidnapped][0] <= time + 1e-9:
             car.kidnap(self.rules.kidnaps[self._kidnapped][1])
             self._kidnapped += 1
             self._anchor = None
+            self.carried = True
 
 
 def navigate(
@@ -214,7 +218,7 @@ def _loop(
             episode.end("error", f"{type(error).__name__}: {error}")
             episode.traceback = traceback.format_exc()
             return
-        tick = Tick(truth, belief, dead_reckoning.pose, _standing(truth), planning_time)
+        tick = Tick(truth, belief, dead_reckoning.pose, _standing(truth), planning_time, episode.carried)
         recorder.log(observation, belief, mapper, command, truth, odometry=dead_reckoning.pose, planning_time=planning_time)
         episode.judge(car, tick, command)
         if not episode.done:

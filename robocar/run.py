@@ -18,6 +18,7 @@ import yaml
 
 from robocar.core import SE2, Array, Context, Goal, Mapper, OutputError, ScenarioError, frozen_array
 from robocar.core.randomness import stream
+from robocar.core.solids import Box, Cylinder, Solid
 from robocar.estimation.odometry import OdometryEstimator
 from robocar.fingerprint import fingerprint, versions
 from robocar.formats import Trajectory, save_ros_map, write_tum
@@ -28,7 +29,7 @@ from robocar.registry import build, find
 from robocar.scenario import Scenario, load_scenario, split_overrides
 from robocar.scene import Scene
 from robocar.sim.car import FitOut, footprint
-from robocar.sim.movers import MovingObstacle
+from robocar.sim.movers import Mover, MovingObstacle
 from robocar.sim.oracle import PoseOracle
 from robocar.sim.simulation import Simulation
 
@@ -154,20 +155,7 @@ def _run(
     progress: Progress | None,
 ) -> RunResult:
     started = wall.perf_counter()
-    robot_model = scenario.robot
-    fit_out = FitOut(
-        robot_model.sonars, robot_model.lidar, robot_model.compass, robot_model.camera, robot_model.top_camera
-    )
-    car = Simulation(
-        scene.world(),
-        start=scene.start,
-        seed=seed,
-        fit_out=fit_out,
-        sensors=robot_model.sensors,
-        physics=robot_model.physics,
-        clearance=scene.clearance,
-        movers=[MovingObstacle(mover) for mover in scene.movers],
-    )
+    car = _simulation(scene, seed)
     stack.callback(car.close)
 
     def context(component: str, given: dict[str, Any]) -> Context:
@@ -207,6 +195,31 @@ def _run(
     return result
 
 
+def simulate(
+    scenario: str | Path | Mapping[str, Any] | Scenario, *, seed: int = 0, settings: Mapping[str, Any] | None = None
+) -> Simulation:
+    """The physics of a scenario without a navigator: for serial ports, learning environments and experiments of one's own."""
+    scenario_settings, parameters = split_overrides(settings or {})
+    for kind, given in parameters.items():
+        if given:
+            raise ScenarioError(f"--set {kind}.{next(iter(given))}: there is no {kind} here")
+    return _simulation(Scene.load(load_scenario(scenario, scenario_settings), footprint()), seed)
+
+
+def _simulation(scene: Scene, seed: int) -> Simulation:
+    robot = scene.scenario.robot
+    return Simulation(
+        scene.world(),
+        start=scene.start,
+        seed=seed,
+        fit_out=FitOut(robot.sonars, robot.lidar, robot.compass, robot.camera, robot.top_camera),
+        sensors=robot.sensors,
+        physics=robot.physics,
+        clearance=scene.clearance,
+        movers=[MovingObstacle(mover) for mover in scene.movers],
+    )
+
+
 def _rules(scenario: Scenario) -> Rules:
     return Rules(
         time_limit=scenario.time_limit,
@@ -238,10 +251,18 @@ def _recorder(
         goal=goal,
         landmarks=scene.landmarks,
         solids=scene.solids,
+        movers={mover.name: _shape(mover) for mover in scene.movers},
         wall_height=scenario.wall_height,
     )
     properties = {"scenario": scenario.name, **chosen, "seed": seed}
     return RerunRecorder(files.path / "run.rrd", run_id=files.name, scenery=scenery, live=live, properties=properties)
+
+
+def _shape(mover: Mover) -> Solid:
+    """A mover's body in its own frame."""
+    if mover.shape == "box":
+        return Box((mover.size[0], mover.size[1], mover.size[2]))
+    return Cylinder(mover.radius, mover.height)
 
 
 def _result(
@@ -272,6 +293,7 @@ def _result(
         contact=np.array([tick.truth.contact for tick in ticks], dtype=bool),
         standing=np.array([tick.standing for tick in ticks], dtype=bool),
         plan_time=np.array([tick.plan_time for tick in ticks]),
+        carried=np.array([tick.carried for tick in ticks], dtype=bool),
         replans=episode.replans,
         status=episode.status,
         grid=scene.true_grid,
@@ -341,6 +363,8 @@ class RunDirectory:
         return self
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if error is not None and not (self.path / "run.rrd").is_file():
+            shutil.rmtree(self.path, ignore_errors=True)  # it had not begun: nothing to look into
         if isinstance(error, OSError):
             raise OutputError(f"{self.path}: cannot write: {error.strerror or error}") from error
 

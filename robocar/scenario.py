@@ -312,3 +312,10 @@ def pose_of(values: tuple[float, ...]) -> SE2:
 def goal_heading(values: tuple[float, ...] | None) -> float | None:
     """The goal's heading where one is given [rad]."""
     return math.remainder(values[2], math.tau) if values is not None and len(values) > 2 else None
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON schema of scenario files, for editors."""
+    schema = Scenario.model_json_schema()
+    schema["properties"].pop("folder", None)
+    return schema

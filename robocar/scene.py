@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
-import mujoco
 import numpy as np
 
 from robocar.core import (
@@ -29,6 +28,7 @@ from robocar.formats import load_map
 from robocar.scenario import Scenario, goal_heading, pose_of
 from robocar.sim import world
 from robocar.sim.movers import Mover
+from robocar.sim.simulation import World
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class Scene:
         """Distance from a convex polygon (n, 2) to the nearest wall or solid, 0 where they overlap [m]."""
         nearest = float(self._walls.footprint(polygon))
         for outline, centre, radius in self._outlines:
-            if math.dist(centre, polygon.mean(axis=0)) - radius < nearest + 0.5:
+            if math.dist(centre, polygon[0]) - radius < nearest + 1.0:  # farther ones cannot be the nearest
                 nearest = min(nearest, polygon_distance(polygon, outline))
         return nearest
 
@@ -140,7 +140,7 @@ class Scene:
         rows, cols = self.grid.shape
         return range(max(0, row - reach), min(rows, row + reach + 1)), range(max(0, col - reach), min(cols, col + reach + 1))
 
-    def world(self) -> mujoco.MjSpec:
+    def world(self) -> World:
         """The MuJoCo world, without the car."""
         scenario = self.scenario
         return world.build_world(

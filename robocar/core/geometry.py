@@ -66,7 +66,21 @@ class SE2:
         points = np.asarray(points, dtype=float)
         c, s = math.cos(self.theta), math.sin(self.theta)
         x, y = points[..., 0], points[..., 1]
-        return np.stack([self.x + c * x - s * y, self.y + s * x + c * y], axis=-1)
+        moved = np.empty(points.shape)
+        moved[..., 0] = self.x + c * x - s * y
+        moved[..., 1] = self.y + s * x + c * y
+        return moved
+
+    def apply(self, x: float, y: float) -> tuple[float, float]:
+        """`transform` of one point, in plain numbers."""
+        c, s = math.cos(self.theta), math.sin(self.theta)
+        return self.x + c * x - s * y, self.y + s * x + c * y
+
+    def inverse_apply(self, x: float, y: float) -> tuple[float, float]:
+        """A point of the outer frame in the inner one, in plain numbers."""
+        c, s = math.cos(self.theta), math.sin(self.theta)
+        dx, dy = x - self.x, y - self.y
+        return c * dx + s * dy, c * dy - s * dx
 
     @property
     def position(self) -> Array:

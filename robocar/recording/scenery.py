@@ -4,31 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TypeAlias
 
-from robocar.core import SE2, Goal, Landmark, OccupancyGrid, Robot
+from robocar.core import Goal, Landmark, OccupancyGrid, Robot
+from robocar.core.solids import Box, Cylinder, Solid
 
-_ORIGIN = SE2()
-
-
-@dataclass(frozen=True, slots=True)
-class Box:
-    """A box on the floor: pose of its centre, length along x, width along y, height [m]."""
-
-    size: tuple[float, float, float]
-    pose: SE2 = _ORIGIN
-
-
-@dataclass(frozen=True, slots=True)
-class Cylinder:
-    """An upright cylinder on the floor: pose of its axis, radius and height [m]."""
-
-    radius: float
-    height: float
-    pose: SE2 = _ORIGIN
-
-
-Solid: TypeAlias = Box | Cylinder
+__all__ = ["Box", "Cylinder", "Scenery", "Solid"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import mujoco
 import numpy as np
@@ -42,6 +42,7 @@ from robocar.sim.sensors import (
     planar,
 )
 
+World: TypeAlias = mujoco.MjSpec
 _WHEELS = ("front_left", "rear_left", "front_right", "rear_right")
 _CONTACT_CHECK_DISTANCE = 0.05  # [m] nothing nearer at a tick's start: no contact is possible before the next one
 
@@ -67,7 +68,7 @@ class Simulation:
 
     def __init__(
         self,
-        world: mujoco.MjSpec,
+        world: World,
         *,
         start: SE2,
         seed: int,
@@ -117,6 +118,7 @@ class Simulation:
         }
         self._pan = self.model.actuator(car.PREFIX + "pan").id if fit_out.camera else None
         self._hull = self.model.geom(car.PREFIX + "hull").id
+        self._warnings = self.data.warning.number  # a view: looking names up is slow
         self._clearance = clearance
         self._movers = tuple(movers)
 
@@ -132,6 +134,7 @@ class Simulation:
         self._pulse = math.tau / self.robot.pulses_per_turn
         self._voltages = (0.0, 0.0)
         self._contact = False
+        self._cleared, self._room = -1.0, 0.0
         self._hash = hashlib.sha256()
         mujoco.mj_forward(self.model, self.data)
         self._settle()
@@ -163,7 +166,7 @@ class Simulation:
         if command.pan is not None and self._pan is not None:
             self.data.ctrl[self._pan] = command.pan
         self._contact = False
-        near = self._clearance is None or bool(self._movers) or self.clearance() < _CONTACT_CHECK_DISTANCE
+        near = bool(self._movers) or self.clearance() < _CONTACT_CHECK_DISTANCE
         for _ in range(self._firmware_steps):
             self._voltages = self._limit_currents(self.firmware.step(*self._counts()))
             for side, voltage in zip(("left", "right"), self._voltages, strict=True):
@@ -211,18 +214,18 @@ class Simulation:
         """Why the physics can no longer be believed, or None."""
         if not np.all(np.isfinite(self.data.qpos)):
             return "the state is not finite"
-        raised = [i for i, warning in enumerate(self.data.warning) if warning.number]
-        if raised:
-            return "MuJoCo warns: " + ", ".join(mujoco.mjtWarning(i).name for i in raised)
-        return None
+        raised = self._warnings.nonzero()[0]
+        return f"MuJoCo warns: {', '.join(mujoco.mjtWarning(i).name for i in raised)}" if len(raised) else None
 
     def clearance(self) -> float:
-        """Distance from the footprint to the nearest obstacle or mover [m]; inf without any."""
-        corners = self.robot.footprint.at(planar(base_pose(self._base())))
-        nearest = self._clearance(corners) if self._clearance is not None else math.inf
-        for mover in self._movers:
-            nearest = min(nearest, mover.distance(self.data, corners))
-        return nearest
+        """Distance from the footprint to the nearest obstacle or mover [m]; 0 where nobody said how to measure it."""
+        if self._cleared != self.data.time:  # asked for by the truth and by the next step
+            self._cleared = self.data.time
+            corners = self.robot.footprint.at(planar(base_pose(self._base())))
+            self._room = self._clearance(corners) if self._clearance is not None else 0.0
+            for mover in self._movers:
+                self._room = min(self._room, mover.distance(self.data, corners))
+        return self._room
 
     def kidnap(self, pose: SE2) -> None:
         """Put the car somewhere else, at rest, between two ticks."""
@@ -231,6 +234,7 @@ class Simulation:
         self.data.qpos[start + 3 : start + 7] = _quaternion(pose.theta)
         self.data.qvel[self._base_qvel : self._base_qvel + 6] = 0.0
         self.data.qvel[self._wheel_dofs] = 0.0
+        self._cleared = -1.0
         mujoco.mj_forward(self.model, self.data)
 
     def close(self) -> None:

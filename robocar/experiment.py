@@ -1,0 +1,82 @@
+"""Finds and runs the scripts in `experiments/`, and writes what they find out."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from robocar.core import OutputError, UnknownNameError
+from robocar.registry import did_you_mean
+
+
+def experiment_names() -> dict[str, Path]:
+    """Name and file of every experiment (benchmarks, which begin with `bench_`, are none)."""
+    spec = importlib.util.find_spec("experiments")
+    if spec is None or not spec.submodule_search_locations:
+        return {}
+    folder = Path(next(iter(spec.submodule_search_locations)))
+    return {f.stem: f for f in sorted(folder.glob("*.py")) if not f.stem.startswith(("_", "bench_"))}
+
+
+def run_experiment(name: str, out: Path, quick: bool) -> None:
+    """Run `experiments.<name>.main(folder, quick)`; the results go to `<out>/<name>/`.
+
+    Raises:
+        UnknownNameError: there is no such experiment.
+    """
+    known = experiment_names()
+    if name not in known:
+        raise UnknownNameError(f"unknown experiment {name!r}{did_you_mean(name, known)}; known: {', '.join(known)}")
+    importlib.import_module(f"experiments.{name}").main(Path(out) / name, quick)
+
+
+@dataclass(slots=True)
+class Report:
+    """What an experiment found: numbers for `summary.json`, tables and text for `report.md`."""
+
+    folder: Path
+    title: str
+    numbers: dict[str, dict[str, Any]] = field(default_factory=dict)
+    text: list[str] = field(default_factory=list)
+
+    def number(self, name: str, value: float | int | None, unit: str, paper: float | None = None) -> None:
+        """One result, beside the paper's where it has one."""
+        self.numbers[name] = {"value": value, "unit": unit, "paper": paper}
+
+    def table(self, header: Sequence[str], rows: Sequence[Sequence[object]], caption: str = "") -> None:
+        """A Markdown table."""
+        lines = [caption, ""] if caption else []
+        lines += ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+        lines += ["| " + " | ".join(_cell(cell) for cell in row) + " |" for row in rows]
+        self.text.append("\n".join(lines))
+
+    def say(self, paragraph: str) -> None:
+        """A paragraph of the report."""
+        self.text.append(paragraph)
+
+    def write(self) -> Path:
+        """Writes `summary.json` and `report.md`, and returns the latter."""
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            (self.folder / "summary.json").write_text(json.dumps(self.numbers, indent=1) + "\n")
+            path = self.folder / "report.md"
+            path.write_text(f"# {self.title}\n\n" + "\n\n".join(self.text) + "\n")
+        except OSError as error:
+            raise OutputError(f"{self.folder}: cannot write: {error.strerror or error}") from error
+        return path
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return "–"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def merge(*parts: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings put together, later ones win."""
+    return {key: value for part in parts for key, value in part.items()}
