@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable
 from time import perf_counter
 
-import robocar.sim  # noqa: F401: says how MuJoCo renders, which must be known when it is imported
+import robocar.sim  # noqa: F401 (says how MuJoCo renders, which must be known when it is imported)
 
 # isort: split
 import cv2

@@ -6,6 +6,7 @@ Oracles: core's ray casting, pinhole projection, MuJoCo without the measures.
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 
 from robocar.core import SE2, Landmark, OccupancyGrid, ScenarioError, UnknownNameError
 from robocar.core.rays import cast_rays
+from robocar.formats import load_map
 from robocar.formats.generated import cave, rooms
 from robocar.sim.movers import Mover
 from robocar.sim.world import FLOOR_BIT, SENSED_GROUP, SOLID_BIT, Box, Cylinder, build_world
@@ -326,6 +328,15 @@ def test_a_large_cave_takes_no_more_boxes_than_its_cover() -> None:
     mujoco.mj_step(model, data, 10)
     assert not any(warning.number for warning in data.warning)
     assert_same_walls(grid, grid, model, data, seed=1)
+
+
+def test_maps_from_elsewhere_become_the_same_walls(data_dir: Path) -> None:
+    files = [*sorted(data_dir.glob("ros_maps/*/*.yaml")), *sorted(data_dir.glob("movingai/*.map"))]
+    assert len(files) >= 9
+    for file in files:
+        grid = load_map(file, None if file.suffix == ".yaml" else 0.3)
+        model, data = place(build_world(grid, border="open"))
+        assert_same_walls(grid, grid, model, data, seed=0)
 
 
 @pytest.mark.parametrize(
