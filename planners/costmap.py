@@ -1,0 +1,378 @@
+"""Costmaps for a robot with dimension: the prior map, what the range sensors see, and the inflation of both."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from planners.grid_search import doubled
+from planners.inflation import inflate_window, inflation_kernel
+from robocar.core import LETHAL, NO_INFORMATION, SE2, Costmap, GridMap, Observation, OccupancyGrid, Robot, Scan
+
+_HIT, _MOST = (
+    2,
+    4,
+)  # evidence that one hit adds, which makes an obstacle, and its cap: it takes three looks through to be forgotten
+_CLEAR_DEPTH = 0.7  # of a sonar's range, what its echo clears
+_CORE = 0.6  # of a sonar's opening angle, what its echo clears and marks: the rim sees walls beside the way
+
+
+@dataclass(frozen=True, slots=True)
+class Parameters:
+    """Names are Nav2's where it has them.
+
+    Args:
+        inflation_radius: from obstacles to where they cost nothing [m].
+        cost_scaling_factor: how fast costs fall with the distance [1/m].
+        margin: beyond the inscribed radius, the width on which costs are highest without being blocked [m].
+        allow_unknown: whether unknown cells of the prior map count as free; else as obstacles.
+        walled: whether the prior map is taken to have walls around its edges.
+        obstacle_max_range: laser hits farther away are not marked [m].
+        sonar_obstacle_max_range: the same for sonars, whose echoes say less the farther they come from [m].
+        raytrace_max_range: beams clear up to here [m].
+        prior_tolerance: hits this near to an obstacle of the prior map are its own, seen with errors of range and pose [m].
+        resolution: cells are at most this large; coarser prior maps are split, up to `max_cells` cells [m].
+        free_space: around start, goal and robot, the least width of the map that grows where there is no prior [m].
+    """
+
+    inflation_radius: float = 0.35
+    cost_scaling_factor: float = 10.0
+    margin: float = 0.02
+    allow_unknown: bool = True
+    walled: bool = True
+    obstacle_max_range: float = 2.5
+    sonar_obstacle_max_range: float = 1.0
+    raytrace_max_range: float = 3.0
+    prior_tolerance: float = 0.1
+    resolution: float = 0.05
+    max_cells: int = 1_000_000
+    free_space: float = 2.0
+
+    def __post_init__(self) -> None:
+        for name in ("inflation_radius", "cost_scaling_factor", "margin", "prior_tolerance"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise ValueError(f"{name} must not be negative, not {getattr(self, name)}")
+        for name in (
+            "obstacle_max_range",
+            "sonar_obstacle_max_range",
+            "raytrace_max_range",
+            "resolution",
+            "free_space",
+            "max_cells",
+        ):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise ValueError(f"{name} must be positive, not {getattr(self, name)}")
+
+
+def inflate(occupancy: OccupancyGrid, inscribed_radius: float, parameters: Parameters | None = None) -> Costmap:
+    """Costmap of a map for a robot of this inscribed radius [m]; see `inflation.inflation_kernel` for the costs.
+
+    Occupied cells are lethal; unknown cells are free, or 255 and inflated like obstacles (`Parameters.allow_unknown`).
+    """
+    parameters = parameters or Parameters()
+    solid = _solid(occupancy, parameters)
+    costs = np.empty_like(solid)
+    kernel = _kernel(occupancy.resolution, inscribed_radius, parameters)
+    inflate_window(solid, kernel, costs, parameters.walled, 0, solid.shape[0], 0, solid.shape[1])
+    return Costmap(costs, occupancy.resolution, occupancy.origin)
+
+
+def _solid(occupancy: OccupancyGrid, parameters: Parameters) -> NDArray[np.uint8]:
+    solid = np.where(occupancy.occupied, LETHAL, 0).astype(np.uint8)
+    if not parameters.allow_unknown:
+        solid[occupancy.unknown] = NO_INFORMATION
+    return solid
+
+
+def _kernel(resolution: float, inscribed_radius: float, p: Parameters) -> NDArray[np.uint8]:
+    return inflation_kernel(resolution, inscribed_radius, p.margin, p.inflation_radius, p.cost_scaling_factor)
+
+
+class LayeredCostmap:
+    """Prior map and obstacle layer, inflated.
+
+    Hits mark cells and looks through them clear them again; the prior map's own obstacles stay. A laser clears along its beams. A
+    sonar marks the inner part of its arc at the range heard, unless something known lies on the arc that explains the echo. An
+    echo clears only the inner part of the cone well short of its range and silence clears nothing, since echoes get lost at
+    grazing incidence.
+
+    Without a prior map everything is free until seen otherwise, on a grid that covers the points given and grows with the way.
+
+    Args:
+        prior: the map that the robot is given, or None.
+        robot: for its inscribed radius.
+    """
+
+    def __init__(self, prior: OccupancyGrid | None, robot: Robot, parameters: Parameters | None = None) -> None:
+        self.parameters = parameters or Parameters()
+        self._prior = prior
+        self._inscribed_radius = robot.footprint.inscribed_radius
+        self.version = 0
+        self._place: GridMap | None = None
+        _compile()
+        self.clear()
+
+    def clear(self) -> None:
+        """Forgets everything that was seen."""
+        if self._prior is not None:
+            self._set_prior(self._prior)
+        elif self._place is not None:
+            self._set_ground(np.zeros_like(self._solid), self._place.resolution, self._place.origin)
+
+    def cover(self, points: ArrayLike) -> None:
+        """Without a prior map: grows the grid so that world points (n, 2) [m] have free space around them."""
+        if self._prior is not None:
+            return
+        points = np.asarray(points, dtype=float).reshape(-1, 2)
+        resolution, room = self.parameters.resolution, self.parameters.free_space
+        if self._place is None:
+            low, high = points.min(axis=0) - room, points.max(axis=0) + room
+            cols, rows = np.ceil((high - low) / resolution).astype(int)
+            self._set_ground(np.zeros((rows, cols), dtype=np.uint8), resolution, SE2(low[0], low[1]))
+            return
+        at = self._place.grid_from_world(points)
+        rows, cols = self._place.shape
+        # Grown by twice the room once half of it is used up, so that it happens seldom.
+        room /= resolution
+        low, high = at.min(axis=0) - room / 2, at.max(axis=0) + room / 2
+        left, bottom = (math.ceil(room - v) if v < 0 else 0 for v in low)
+        right = math.ceil(high[0] - cols + room) if high[0] > cols else 0
+        top = math.ceil(high[1] - rows + room) if high[1] > rows else 0
+        if left or bottom or right or top:
+            evidence = np.pad(self._evidence, ((bottom, top), (left, right)))
+            origin = self._place.origin @ SE2(-left * resolution, -bottom * resolution)
+            self._set_ground(np.zeros(evidence.shape, dtype=np.uint8), resolution, origin)
+            self._evidence = evidence
+            self._solid[evidence >= _HIT] = LETHAL
+            self._inflate(0, evidence.shape[0], 0, evidence.shape[1])
+
+    def update(self, pose: SE2, observation: Observation) -> bool:
+        """Takes in what is seen from `pose`, the robot's in the map frame; returns whether costs have changed."""
+        before = self.version
+        self.cover([(pose.x, pose.y)])
+        for scan in observation.scans:
+            self._integrate(pose, scan)
+        return self.version != before
+
+    def costmap(self) -> Costmap:
+        """The costs as they are now; the same object until they change.
+
+        Raises:
+            ValueError: there is no prior map, and neither `cover` nor `update` was called.
+        """
+        if self._place is None:
+            raise ValueError("without a prior map the costmap needs `cover` or `update` first, to know its place")
+        if self._costmap is None:
+            costs = self._costs.copy()
+            costs.flags.writeable = False
+            self._costmap = Costmap(costs, self._place.resolution, self._place.origin)
+        return self._costmap
+
+    def _set_prior(self, prior: OccupancyGrid) -> None:
+        p = self.parameters
+        split = math.ceil(prior.resolution / p.resolution - 1e-9)
+        split = max(1, min(split | 1 if split > 1 else 1, math.isqrt(p.max_cells // prior.data.size)))
+        solid = _solid(prior, p).repeat(split, axis=0).repeat(split, axis=1)
+        self._set_ground(solid, prior.resolution / split, prior.origin)
+
+    def _set_ground(self, ground: NDArray[np.uint8], resolution: float, origin: SE2) -> None:
+        """Starts on the prior's obstacles alone: `ground` is 0, 254 or 255, (rows, cols)."""
+        rows, cols = ground.shape
+        self._place = GridMap(np.broadcast_to(np.uint8(0), (rows, cols)), resolution, origin)
+        self._grid_from_world = origin.inverse()
+        self._ground, self._solid = ground, ground.copy()
+        self._evidence = np.zeros((rows, cols), dtype=np.int8)
+        self._costs = np.empty((rows, cols), dtype=np.uint8)
+        self._kernel = _kernel(resolution, self._inscribed_radius, self.parameters)
+        # Cells whose hits the prior map explains; the tolerance is drawn around its obstacles like an inflation.
+        near = inflation_kernel(resolution, self.parameters.prior_tolerance, 0.0, 0.0, 0.0)
+        self._explained = np.empty((rows, cols), dtype=np.uint8)
+        self._walled = self.parameters.walled and self._prior is not None
+        obstacles = np.where(ground == LETHAL, ground, 0).astype(np.uint8)
+        inflate_window(obstacles, near, self._explained, self._walled, 0, rows, 0, cols)
+        self._touched = np.empty(1024, dtype=np.int64)
+        self._inflate(0, rows, 0, cols)
+
+    def _inflate(self, r0: int, r1: int, c0: int, c1: int) -> None:
+        """Recomputes the costs that obstacles in rows r0 to r1 and columns c0 to c1 (excluded) reach."""
+        k = self._kernel.shape[0] // 2
+        rows, cols = self._solid.shape
+        box = max(0, r0 - k), min(rows, r1 + k), max(0, c0 - k), min(cols, c1 + k)
+        inflate_window(self._solid, self._kernel, self._costs, self._walled, *box)
+        self._costmap: Costmap | None = None
+        self.version += 1
+
+    def _integrate(self, pose: SE2, scan: Scan) -> None:
+        assert self._place is not None
+        p, resolution = self.parameters, self._place.resolution
+        grid_from_sensor = self._grid_from_world @ pose @ scan.robot_from_sensor
+        grid_from_robot = self._grid_from_world @ pose
+        x, y, theta = grid_from_sensor.x / resolution, grid_from_sensor.y / resolution, grid_from_sensor.theta
+        ranges, bearings = np.array(scan.ranges), np.array(scan.bearings)  # contiguous and writable: one compiled version for all
+        evidence, reach = self._evidence, p.raytrace_max_range / resolution
+        if scan.beam_width > 0.0:
+            n, self._touched = _sonar(
+                evidence, self._explained, self._touched, x, y, theta, ranges, bearings, scan.beam_width / 2,
+                p.sonar_obstacle_max_range / resolution, reach, resolution,
+            )  # fmt: skip
+        else:
+            n, self._touched = _laser(
+                evidence, self._explained, self._touched, x, y, theta, ranges, bearings,
+                p.obstacle_max_range / resolution, min(reach, scan.max_range / resolution), resolution,
+            )  # fmt: skip
+        n, self._touched = _forget_disc(
+            evidence, self._touched, n, grid_from_robot.x / resolution, grid_from_robot.y / resolution,
+            self._inscribed_radius / resolution,
+        )  # fmt: skip
+        r0, r1, c0, c1 = _commit(evidence, self._ground, self._solid, self._touched, n)
+        if r1 > r0:
+            self._inflate(r0, r1, c0, c1)
+
+
+@njit(cache=True)
+def _note(touched: NDArray, n: int, cell: int) -> tuple[int, NDArray]:
+    if n == len(touched):
+        touched = doubled(touched)
+    touched[n] = cell
+    return n + 1, touched
+
+
+@njit(cache=True)
+def _laser(
+    evidence: NDArray, explained: NDArray, touched: NDArray, x: float, y: float, theta: float, ranges: NDArray, bearings: NDArray,
+    mark_reach: float, clear_reach: float, resolution: float,
+) -> tuple[int, NDArray]:  # fmt: skip
+    """Clears along the beams, then marks their ends; lengths in cells but `ranges` [m]. Returns cells that may have changed."""
+    rows, cols = evidence.shape
+    n = 0
+    for i in range(len(ranges)):
+        if math.isnan(ranges[i]):
+            continue
+        angle = theta + bearings[i]
+        dx, dy = math.cos(angle), math.sin(angle)
+        # Without a return everything up to the sensor's reach is free.
+        end = min(ranges[i] / resolution, clear_reach)
+        col, row = math.floor(x), math.floor(y)
+        last_col, last_row = math.floor(x + end * dx), math.floor(y + end * dy)
+        step_col, step_row = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
+        delta_x = abs(1.0 / dx) if dx != 0.0 else math.inf
+        delta_y = abs(1.0 / dy) if dy != 0.0 else math.inf
+        next_x = abs(col + (step_col > 0) - x) * delta_x if dx != 0.0 else math.inf
+        next_y = abs(row + (step_row > 0) - y) * delta_y if dy != 0.0 else math.inf
+        while col != last_col or row != last_row:
+            if 0 <= row < rows and 0 <= col < cols and evidence[row, col] > 0:
+                evidence[row, col] -= 1
+                if evidence[row, col] == _HIT - 1:
+                    n, touched = _note(touched, n, row * cols + col)
+            if (next_x < next_y and col != last_col) or row == last_row:
+                col += step_col
+                next_x += delta_x
+            else:
+                row += step_row
+                next_y += delta_y
+    for i in range(len(ranges)):
+        reading = ranges[i] / resolution
+        if not reading <= mark_reach:  # not a number, infinite or too far
+            continue
+        angle = theta + bearings[i]
+        row, col = math.floor(y + reading * math.sin(angle)), math.floor(x + reading * math.cos(angle))
+        if 0 <= row < rows and 0 <= col < cols and explained[row, col] == 0:
+            evidence[row, col] = min(evidence[row, col] + _HIT, _MOST)
+            n, touched = _note(touched, n, row * cols + col)
+    return n, touched
+
+
+@njit(cache=True)
+def _sonar(
+    evidence: NDArray, explained: NDArray, touched: NDArray, x: float, y: float, theta: float, ranges: NDArray, bearings: NDArray,
+    half_width: float, mark_reach: float, clear_reach: float, resolution: float,
+) -> tuple[int, NDArray]:  # fmt: skip
+    """Clears the inner part of the cones, then marks their arcs; lengths in cells but `ranges` [m]."""
+    rows, cols = evidence.shape
+    n = 0
+    for i in range(len(ranges)):
+        if not math.isfinite(ranges[i]):
+            continue
+        reading = ranges[i] / resolution
+        axis = theta + bearings[i]
+        depth = min(_CLEAR_DEPTH * reading, clear_reach)
+        cos_axis, sin_axis, cos_width = math.cos(axis), math.sin(axis), math.cos(_CORE * half_width)
+        reach_x, reach_y = depth * cos_axis, depth * sin_axis
+        side = depth * math.sin(_CORE * half_width) + 1.0
+        for row in range(max(0, int(min(y, y + reach_y) - side)), min(rows, int(max(y, y + reach_y) + side) + 1)):
+            for col in range(max(0, int(min(x, x + reach_x) - side)), min(cols, int(max(x, x + reach_x) + side) + 1)):
+                if evidence[row, col] == 0:
+                    continue
+                dx, dy = col + 0.5 - x, row + 0.5 - y
+                distance = math.hypot(dx, dy)
+                if distance <= depth and dx * cos_axis + dy * sin_axis >= cos_width * distance:
+                    evidence[row, col] -= 1
+                    if evidence[row, col] == _HIT - 1:
+                        n, touched = _note(touched, n, row * cols + col)
+        if reading > mark_reach:
+            continue
+        samples = 2 + int(4.0 * reading * half_width)  # at most half a cell apart
+        known = False
+        for pass_ in range(2):  # is the echo explained? if not, what does it mark?
+            for k in range(samples):
+                offset = half_width * (2.0 * k / (samples - 1) - 1.0)
+                row = math.floor(y + reading * math.sin(axis + offset))
+                col = math.floor(x + reading * math.cos(axis + offset))
+                if not (0 <= row < rows and 0 <= col < cols):
+                    continue
+                if pass_ == 0:
+                    if explained[row, col] != 0:
+                        known = True
+                    elif evidence[row, col] >= _HIT:
+                        evidence[row, col] = _MOST
+                        # On the rim another surface may have answered.
+                        known = known or abs(offset) <= _CORE * half_width
+                elif evidence[row, col] < _HIT and abs(offset) <= _CORE * half_width:
+                    evidence[row, col] = _HIT
+                    n, touched = _note(touched, n, row * cols + col)
+            if known:
+                break
+    return n, touched
+
+
+@njit(cache=True)
+def _forget_disc(evidence: NDArray, touched: NDArray, n: int, x: float, y: float, radius: float) -> tuple[int, NDArray]:
+    """Where the robot is, nothing else is."""
+    rows, cols = evidence.shape
+    for row in range(max(0, int(y - radius)), min(rows, int(y + radius) + 1)):
+        for col in range(max(0, int(x - radius)), min(cols, int(x + radius) + 1)):
+            if evidence[row, col] > 0 and math.hypot(col + 0.5 - x, row + 0.5 - y) <= radius:
+                evidence[row, col] = 0
+                n, touched = _note(touched, n, row * cols + col)
+    return n, touched
+
+
+@njit(cache=True)
+def _commit(evidence: NDArray, ground: NDArray, solid: NDArray, touched: NDArray, n: int) -> tuple[int, int, int, int]:
+    """Brings `solid` up to date at the touched cells; returns the box (r0, r1, c0, c1) of what has changed."""
+    rows, cols = evidence.shape
+    r0, r1, c0, c1 = rows, 0, cols, 0
+    for i in range(n):
+        row, col = touched[i] // cols, touched[i] % cols
+        new = ground[row, col]
+        if evidence[row, col] >= _HIT:
+            new = max(new, np.uint8(LETHAL))
+        if solid[row, col] != new:
+            solid[row, col] = new
+            r0, r1, c0, c1 = min(r0, row), max(r1, row + 1), min(c0, col), max(c1, col + 1)
+    return r0, r1, c0, c1
+
+
+@cache
+def _compile() -> None:
+    """Compiles, or loads, what the control loop calls."""
+    layer = object.__new__(LayeredCostmap)
+    layer.parameters, layer._prior, layer._inscribed_radius, layer.version = Parameters(), None, 0.1, 0
+    layer._set_ground(np.zeros((3, 3), dtype=np.uint8), 1.0, SE2())
+    for beam_width in (0.0, 0.3):
+        layer._integrate(SE2(1.5, 1.5), Scan(0.0, np.array([1.0]), np.array([0.0]), 5.0, beam_width))

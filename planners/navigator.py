@@ -1,0 +1,281 @@
+"""The two navigators that every planner fits into: plan and follow, or react to each scan."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from planners import costmap as layered
+from planners.costmap import LayeredCostmap
+from planners.grid_search import LazyTrace, nearest_free
+from planners.polyline import blocked_ahead, nearest_on_path
+from planners.pure_pursuit import STOPPING_SHARE
+from robocar.core import (
+    SE2,
+    STOP,
+    Array,
+    Belief,
+    Command,
+    Context,
+    Costmap,
+    Field,
+    GiveUp,
+    GlobalPlanner,
+    Goal,
+    GoalOccupied,
+    Hold,
+    Lines,
+    LocalPlanner,
+    Mapper,
+    Observation,
+    OutsideMap,
+    Path,
+    Plan,
+    PlanningError,
+    Scalar,
+    Serial,
+    StartOccupied,
+    Text,
+    Trace,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Parameters:
+    """
+    Args:
+        max_path_deviation: from the path; farther away it is planned anew [m].
+        max_escape: out of blocked cells to the nearest free one, where an obstacle appears too near to plan from [m].
+        clearing_distance: to drive, after all that was seen has been forgotten for want of a path, before it is forgotten again
+            [m].
+    """
+
+    max_path_deviation: float = 0.3
+    max_escape: float = 0.5
+    clearing_distance: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name in ("max_path_deviation", "max_escape", "clearing_distance"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise ValueError(f"{name} must be positive, not {getattr(self, name)}")
+
+
+class PlanAndFollow:
+    """A global planner on a layered costmap, and a local planner that follows its path.
+
+    It plans for every new goal, and again when what is seen blocks the rest of the path or the robot has left it. Where there is
+    no path, the obstacle layer, which holds misplaced echoes too, is forgotten and the plan tried again; if that fails, or if it
+    has been done less than `clearing_distance` ago, the navigator gives up with the planner's reason.
+    """
+
+    def __init__(
+        self,
+        global_planner: GlobalPlanner,
+        local_planner: LocalPlanner,
+        costmap: LayeredCostmap,
+        parameters: Parameters | None = None,
+    ) -> None:
+        self.parameters = parameters or Parameters()
+        self.global_planner, self.local_planner, self.costmap = global_planner, local_planner, costmap
+        # Compiled here, not in the control loop.
+        points = np.array([[0.5, 0.5], [1.5, 0.5]])
+        nearest_on_path(points, 0, 0.0, 0.0, 1.0)
+        blocked_ahead(_read_only(np.zeros((2, 2), dtype=np.uint8)), points, 0)
+        self._forget()
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """A new episode: forgets path, obstacles seen and counts."""
+        self.global_planner.reset(rng)
+        self.local_planner.reset(rng)
+        self.costmap.clear()
+        self._forget()
+
+    def _forget(self) -> None:
+        self.replans = 0
+        self._goal: Goal | None = None
+        self._target: Goal | None = None
+        self._path: Path | None = None
+        self._cleared_at: Array | None = None
+
+    def command(self, belief: Belief, mapper: Mapper, observation: Observation, goal: Goal | None) -> Command:
+        """Next command; `GiveUp` (`no_path`) where the planner finds no way. `mapper` is not needed: the costmap is the map."""
+        if goal is None:
+            return GiveUp("a navigator that plans needs a goal")
+        pose = belief.pose
+        new_goal = self._goal is None or not _same_goal(goal, self._goal)
+        if new_goal:
+            self.costmap.cover(np.array([pose.position, goal.position]))
+        self.costmap.update(pose, observation)
+        trace: Trace = {}
+        reason = "new goal" if new_goal else self._reason_to_replan(pose)
+        if reason:
+            try:
+                plan = self._plan(pose, goal)
+            except PlanningError as error:
+                self._goal = self._path = None
+                return GiveUp(str(error))
+            self.replans += 0 if new_goal else 1
+            self._goal = goal
+            self._follow(plan.path)
+            trace = self._plan_trace(plan, reason)
+        assert self._target is not None
+        if _arrived(pose, self._target):
+            return replace(STOP, trace=trace)
+        command = self.local_planner.command(belief, self._path, self.costmap.costmap(), observation, self._target)
+        return replace(command, trace=_merged(trace, command.trace)) if trace else command
+
+    def _reason_to_replan(self, pose: SE2) -> str:
+        """Why the path will not do any longer, or nothing."""
+        self._segment, _, distance = nearest_on_path(self._points, self._segment, pose.x, pose.y, 2.0)
+        if distance > self.parameters.max_path_deviation:
+            return f"{distance:.2f} m off the path"
+        if self._checked_version != self.costmap.version:
+            self._checked_version = self.costmap.version
+            costmap = self.costmap.costmap()
+            if costmap.origin != self._points_origin:  # the grid has grown
+                self._points_origin, self._points_in_grid = costmap.origin, costmap.grid_from_world(self._points)
+            if blocked_ahead(costmap.data, self._points_in_grid, self._segment):
+                return "path blocked"
+        return ""
+
+    def _follow(self, path: Path) -> None:
+        costmap = self.costmap.costmap()
+        self._path, self._points, self._segment = path, np.array(path.points), 0
+        self._points_origin, self._points_in_grid = costmap.origin, costmap.grid_from_world(self._points)
+        self._checked_version = self.costmap.version
+
+    def _plan(self, pose: SE2, goal: Goal) -> Plan:
+        try:
+            return self._plan_from_free(pose, goal)
+        except OutsideMap:
+            raise
+        except PlanningError:
+            here = pose.position
+            if self._cleared_at is not None and math.dist(here, self._cleared_at) < self.parameters.clearing_distance:
+                raise
+            self._cleared_at = here
+            self.costmap.clear()
+            return self._plan_from_free(pose, goal)
+
+    def _plan_from_free(self, pose: SE2, goal: Goal) -> Plan:
+        """A plan from the robot; where it stands in blocked cells, from the nearest free one, and where the goal is blocked, to
+        the nearest free cell within its tolerance."""
+        costmap = self.costmap.costmap()
+        start, target = pose.position, goal
+        for _ in range(3):
+            try:
+                plan = self.global_planner.plan(costmap, start, target.position)
+            except StartOccupied:
+                start = _substitute(costmap, start, pose.position, self.parameters.max_escape)
+                if start is None:
+                    raise
+            except GoalOccupied:
+                inside = _substitute(costmap, target.position, goal.position, (1.0 - STOPPING_SHARE) * goal.xy_goal_tolerance)
+                if inside is None:
+                    raise
+                left = goal.xy_goal_tolerance - math.dist(inside, goal.position)
+                target = replace(goal, position=inside, xy_goal_tolerance=left)
+            else:
+                self._target = target
+                if math.dist(start, pose.position) > 0.0:
+                    return replace(plan, path=Path(np.concatenate([[pose.position], plan.path.points])))
+                return plan
+        raise AssertionError("start and goal are each moved at most once")
+
+    def _plan_trace(self, plan: Plan, reason: str) -> Trace:
+        """What a (re)planning shows: path, count, reason, costmap, and what the planner shows of its search."""
+        costmap = self.costmap.costmap()
+        message = f"{reason}: path of {plan.path.length:.2f} m, {plan.expanded} expanded"
+        return _merged(
+            {
+                "global": Lines((plan.path.points,)),
+                "replans": Scalar(self.replans),
+                "expanded": Scalar(plan.expanded),
+                "plan": Text(message),
+            },
+            LazyTrace({"costmap": lambda: Field(costmap)}),
+            plan.trace,
+        )
+
+
+class Reactive:
+    """A local planner alone: asked when a new scan has come, its command repeated in between.
+
+    Without any scan for `scan_timeout` [s] the car stops.
+    """
+
+    def __init__(self, local_planner: LocalPlanner, scan_timeout: float = 0.5) -> None:
+        self.local_planner, self.scan_timeout = local_planner, scan_timeout
+        self._forget()
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """A new episode."""
+        self.local_planner.reset(rng)
+        self._forget()
+
+    def _forget(self) -> None:
+        self._last: Command = STOP
+        self._last_scan = -math.inf
+
+    def command(self, belief: Belief, mapper: Mapper, observation: Observation, goal: Goal | None) -> Command:
+        """Next command; `mapper` is not needed."""
+        if goal is None:
+            return GiveUp("a reactive navigator needs a goal")
+        if observation.scans:
+            self._last_scan = observation.time
+            command = self.local_planner.command(belief, None, None, observation, goal)
+            # What is repeated is the motion: a serial line must not be sent twice, and the trace has been shown.
+            self._last = Hold() if isinstance(command, Serial) else replace(command, trace={})
+            return command
+        if observation.time - self._last_scan > self.scan_timeout:
+            return STOP
+        return self._last
+
+
+def plan_and_follow(
+    context: Context,
+    global_builder: Callable[[Context], GlobalPlanner],
+    local_builder: Callable[[Context], LocalPlanner],
+) -> PlanAndFollow:
+    """The navigator of two factories `build(context)`, on a costmap of the context's prior map."""
+    costmap = LayeredCostmap(context.prior, context.robot, context.parameters_of(layered.Parameters))
+    if context.start is not None:
+        costmap.cover([(context.start.x, context.start.y)])
+    return PlanAndFollow(global_builder(context), local_builder(context), costmap, context.parameters_of(Parameters))
+
+
+def _arrived(pose: SE2, goal: Goal) -> bool:
+    """Well inside the tolerances, where a local planner is to stop."""
+    if math.hypot(pose.x - goal.position[0], pose.y - goal.position[1]) > STOPPING_SHARE * goal.xy_goal_tolerance:
+        return False
+    turn = 0.0 if goal.heading is None else math.remainder(pose.theta - goal.heading, math.tau)
+    return abs(turn) <= STOPPING_SHARE * goal.yaw_goal_tolerance
+
+
+def _same_goal(a: Goal, b: Goal) -> bool:
+    return a is b or (
+        np.array_equal(a.position, b.position)
+        and (a.heading, a.xy_goal_tolerance, a.yaw_goal_tolerance) == (b.heading, b.xy_goal_tolerance, b.yaw_goal_tolerance)
+    )
+
+
+def _substitute(costmap: Costmap, blocked: Array, wanted: Array, reach: float) -> Array | None:
+    """The nearest free cell within `reach` [m] of the wanted point; None where there is none or it has been tried."""
+    nearest = nearest_free(costmap, wanted)
+    if nearest is None or math.dist(nearest, wanted) > reach or np.array_equal(nearest, blocked):
+        return None
+    return nearest
+
+
+def _merged(*traces: Trace) -> Trace:
+    """All of them, still lazy; the first counts where a name is used twice."""
+    return LazyTrace({name: partial(trace.__getitem__, name) for trace in reversed(traces) for name in trace})
+
+
+def _read_only(array: np.ndarray) -> np.ndarray:
+    array.flags.writeable = False
+    return array
