@@ -1,0 +1,153 @@
+"""Multiplicative multigrid: w to a component-wise residual, in time proportional to the number of cells.
+
+Each cycle takes the relative residual (mean of the neighbours - w) / w to the coarse levels, multiplies w by one plus the relative error found there
+(a positive factor, so w stays positive), and smooths by two red-black Gauss-Seidel sweeps. The coarse levels are re-weighted with the
+current w until it settles, as in iterative aggregation and disaggregation (Horton and Leutenegger 1994).
+No step subtracts numbers of different magnitude, so the error is small relative to w in *every* cell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.laplace.elimination import Elimination, dissection_order, eliminate
+from planners.laplace.levels import Level, coarser, first_level
+from planners.laplace.problem import LaplaceProblem
+from planners.laplace.relaxation import (
+    correct_cells,
+    gather_residual,
+    linear_residual,
+    multiply,
+    prolong,
+    relative_residual,
+    restrict,
+    smooth,
+    spread,
+    sweep,
+)
+from planners.laplace.weights import weigh, weigh_first
+from robocar.core import Array
+
+DIRECT_SIZE = 400
+"""Levels of at most this many nodes are solved directly."""
+
+SMALLEST = 1e-280
+"""Below this, products of neighbouring values would leave the range of doubles."""
+
+SETTLED = 0.02
+"""Coarse weights are kept once w changes by less than this fraction in a cycle."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cycles:
+    """What a run of multigrid did: the component-wise residual after each cycle, (n,)."""
+
+    residuals: Array
+    converged: bool
+
+
+@dataclass(slots=True, eq=False)
+class Multigrid:
+    """Coarse levels for one problem; their structure is set up once."""
+
+    problem: LaplaceProblem
+    parent: NDArray[np.int32] = field(init=False)
+    share: NDArray[np.float32] = field(init=False)
+    levels: list[Level] = field(init=False)
+    _direct: Elimination | None = field(init=False, default=None)
+    _order: NDArray[np.int32] = field(init=False)
+
+    def __post_init__(self) -> None:
+        level, self.parent = first_level(self.problem.inverse_degree)
+        self.share = np.zeros(self.parent.shape, np.float32)
+        self.levels = [level]
+        while self.levels[-1].size > DIRECT_SIZE:
+            level = coarser(self.levels[-1])
+            if level.size > 0.8 * self.levels[-1].size:
+                break
+            self.levels.append(level)
+        last = self.levels[-1]
+        last.parent, last.share = np.empty(0, np.int32), np.empty(0, np.float32)
+        self._order = dissection_order(last.blocks[:, 0], last.blocks[:, 1])
+
+    def first_guess(self) -> Array | None:
+        """w by nested iteration from the coarsest level up, padded (rows + 2, cols + 2); None where doubles are too short."""
+        field_ = self.problem.start_field()
+        self._reweigh(field_, conditioned=False)
+        w = self._solve_last(self.levels[-1].goal)
+        for k in range(len(self.levels) - 2, -1, -1):
+            level = self.levels[k]
+            if not w.min() > SMALLEST:
+                return None
+            w = w[level.parent]
+            e_goal = level.goal
+            sweep(level, w, e_goal, 3)
+            for _ in range(8):
+                relative = relative_residual(level, w)
+                if np.max(np.abs(relative)) < 0.03:
+                    break
+                self._reweigh_from(k, w, conditioned=True)
+                below = self.levels[k + 1]
+                coarse = restrict(level, below, relative)
+                multiply(w, self._correction(k + 1, coarse), level.parent)
+                sweep(level, w, e_goal, 2)
+        spread(field_, self.parent, w)
+        smooth(field_, self.problem.inverse_degree, 3)
+        return field_
+
+    def improve(self, w: Array, tolerance: float, max_cycles: int) -> Cycles:
+        """Bring the positive guess `w`, padded, to |mean of neighbours - w| / w <= tolerance in every cell, in place."""
+        residuals = []
+        change = np.inf
+        first = self.levels[0]
+        inverse_degree = self.problem.inverse_degree
+        for _ in range(max_cycles):
+            if change > SETTLED:
+                self._reweigh(w, conditioned=True)
+            right, worst = gather_residual(w, inverse_degree, self.parent, self.share, first.blocks)
+            residuals.append(worst)
+            if not np.isfinite(worst):
+                return Cycles(np.array(residuals), False)
+            if worst <= tolerance:
+                return Cycles(np.array(residuals), True)
+            e = self._correction(0, right)
+            change = float(np.max(np.abs(e)))
+            correct_cells(w, self.parent, e)
+            smooth(w, inverse_degree, 2)
+        return Cycles(np.array(residuals), False)
+
+    def _reweigh(self, w: Array, conditioned: bool) -> None:
+        first = self.levels[0]
+        weigh_first(w, self.problem.inverse_degree, self.parent, first, self.share, conditioned, loss_scale=2.0 / 3.0)
+        self._reweigh_from(0, np.ones(first.size), conditioned)
+
+    def _reweigh_from(self, k: int, w: Array, conditioned: bool) -> None:
+        for fine, coarse in zip(self.levels[k:-1], self.levels[k + 1 :], strict=True):
+            # a wall beside a strip of 2^k cells lies (2^k + 1) / 2 from its middle: the conductance to it falls as the strip widens
+            width = 2.0 ** (self.levels.index(fine) + 1)
+            weigh(fine, coarse, w, conditioned, (width + 1.0) / (2.0 * width + 1.0))
+            w = np.ones(coarse.size)
+        last = self.levels[-1]
+        self._direct = eliminate(last.indptr, last.indices, last.probability, last.goal, last.loss, self._order)
+
+    def _solve_last(self, right: Array) -> Array:
+        assert self._direct is not None
+        return self._direct.solve(right)
+
+    def _correction(self, k: int, right: Array) -> Array:
+        """Approximate e = P e + right on level k: two W-cycles without pre-smoothing."""
+        if k == len(self.levels) - 1:
+            return self._solve_last(right)
+        e = self._cycle(k, np.zeros(self.levels[k].size), right, right)
+        level = self.levels[k]
+        residual = linear_residual(level, e, right)
+        return self._cycle(k, e, right, residual)
+
+    def _cycle(self, k: int, e: Array, right: Array, residual: Array) -> Array:
+        level, below = self.levels[k], self.levels[k + 1]
+        prolong(e, self._correction(k + 1, restrict(level, below, residual)), level.parent)
+        sweep(level, e, right, 2)
+        return e
