@@ -1,9 +1,9 @@
 """The program of the car's microcontroller: wheel control on encoder counts and the thesis' serial commands.
 
-It knows what the ATmega knows: encoder counts, the clock, and the compass where one is fitted. Both a twist and a serial command end as
-*reference angles* of the left and the right wheels, which move as fast as the limits allow; a proportional controller on the count error
-with the motor's own back-EMF as feedforward makes the wheels follow. Controlling angles instead of speeds lets 200 coarse
-pulses a turn give exact mean speeds and distances.
+It knows what the ATmega knows: encoder counts, the clock, the bumper, and the compass where one is fitted. Both a twist and a
+serial command end as *reference angles* of the left and the right wheels, which move as fast as the limits allow; a proportional
+controller on the count error with the motor's own back-EMF as feedforward makes the wheels follow. Controlling angles instead of
+speeds lets 200 coarse pulses a turn give exact mean speeds and distances.
 
 Commands (thesis, Table 3.1), ASCII lines ending in a line feed:
 
@@ -39,6 +39,7 @@ class FirmwareParameters:
         command_speed: along a straight command [m/s]; command_turn_rate: on the spot [rad/s].
         settle_time: a command is done when the wheels have rested this long [s].
         blocked_time: a command is given up when the wheels have lagged this long [s].
+        bumped_time: a straight one ahead also when the bumper has been pressed this long [s]: wheels slip before they stall.
         heading_gain: turning rate for a heading error, with a compass [1/s].
         heading_tolerance: a turn with a compass is corrected until it is this good [rad].
     """
@@ -50,6 +51,7 @@ class FirmwareParameters:
     command_turn_rate: float = 1.0
     settle_time: float = 0.15
     blocked_time: float = 1.0
+    bumped_time: float = 0.2
     heading_gain: float = 1.5
     heading_tolerance: float = math.radians(0.3)
 
@@ -58,13 +60,15 @@ class FirmwareParameters:
 class _Motion:
     """A serial command in execution: how far to go, how far the profile has got, and how fast it is.
 
-    `distance` is metres for a straight, radians for a turn; `heading` is where a compass should point at the end.
+    `distance` is metres for a straight, radians for a turn; `heading` is where a compass should point at the end; `free` is how
+    far the profile had got when the way was last known to be free.
     """
 
     turning: bool
     distance: float
     heading: float | None
     done: float = 0.0
+    free: float = 0.0
     speed: float = 0.0
     resting: float = 0.0
     corrections: int = 0
@@ -96,7 +100,8 @@ class Firmware:
         self._current = Twist()  # what the ramps have reached
         self._reference = [0.0, 0.0]  # [rad] left, right
         self._motion: _Motion | None = None
-        self._lagging = 0.0
+        self._hindered = 0.0  # [s] for how long the motion has been blocked
+        self._bumped = False
         self._headings: list[float] = []  # last compass readings
         self._answers: list[str] = []
         self.finished = False
@@ -119,12 +124,11 @@ class Firmware:
         text = line.strip("\r\n")
         match = _COMMAND.fullmatch(text)
         if match is None:
-            shown = text if text.isascii() and text.isprintable() and len(text) <= 32 else "unreadable line"
-            self._answers.append(f"ERR unknown command {shown!r}: M<n> Kr<d> Kn<d> B S F")
+            self._answers.append(f"ERR unknown command {_shown(text)}: M<n> Kr<d> Kn<d> B S F")
             return
         name, argument = match.groups()
         if name in "BSF" and argument:
-            self._answers.append(f"ERR {name} takes no number, not {argument!r}")
+            self._answers.append(f"ERR {name} takes no number, not {_shown(argument)}")
         elif name == "S":
             self._motion = None
             self._command = Twist()
@@ -141,14 +145,14 @@ class Firmware:
     def _begin(self, name: str, argument: str) -> None:
         if name == "M":
             if re.fullmatch(r"[0-9]{1,3}", argument) is None or not 1 <= int(argument) <= MAX_CELLS:
-                self._answers.append(f"ERR M takes 1 to {MAX_CELLS} cells, not {argument!r}")
+                self._answers.append(f"ERR M takes 1 to {MAX_CELLS} cells, not {_shown(argument)}")
                 return
             turning, distance = False, CELL * int(argument)
         elif name == "B":
             turning, distance = False, -CELL
         else:
             if re.fullmatch(r"[0-9]{1,3}(\.[0-9]{1,3})?", argument) is None or not 0 < float(argument) <= MAX_DEGREES:
-                self._answers.append(f"ERR {name} takes more than 0, at most {MAX_DEGREES:g} degrees, not {argument!r}")
+                self._answers.append(f"ERR {name} takes more than 0, at most {MAX_DEGREES:g} degrees, not {_shown(argument)}")
                 return
             turning = True
             distance = math.radians(float(argument)) * (1 if name == "Kr" else -1)
@@ -156,7 +160,7 @@ class Firmware:
         if self._has_compass and self._headings:
             heading = self._mean_heading() + (distance if turning else 0.0)
         self._command = self._current = Twist()
-        self._lagging = 0.0
+        self._hindered = 0.0
         self._motion = _Motion(turning, distance, heading)
         self._answers.append("OK")
 
@@ -164,6 +168,10 @@ class Firmware:
         """A new compass reading [rad]."""
         self._headings.append(heading)
         del self._headings[:-5]
+
+    def bumper(self, pressed: bool) -> None:
+        """A new reading of the bumper."""
+        self._bumped = pressed
 
     def _mean_heading(self) -> float:
         return math.atan2(sum(map(math.sin, self._headings)), sum(map(math.cos, self._headings)))
@@ -211,9 +219,13 @@ class Firmware:
         """The next twist of a trapezoidal profile, and the end of the command when the wheels rest at its end."""
         p = self.parameters
         errors = [reference - angle for reference, angle in zip(self._reference, measured, strict=True)]
-        self._lagging = self._lagging + p.period if max(map(abs, errors)) >= 0.9 * p.max_lag else 0.0
-        if self._lagging > p.blocked_time:
-            self._end(f"ERR blocked after {abs(motion.done):.2f} {'rad' if motion.turning else 'm'}")
+        bumped = self._bumped and not motion.turning and motion.distance > 0
+        if bumped or max(map(abs, errors)) >= 0.9 * p.max_lag:
+            self._hindered += p.period
+        else:
+            self._hindered, motion.free = 0.0, motion.done
+        if self._hindered > (p.bumped_time if bumped else p.blocked_time):
+            self._end(f"ERR blocked after {abs(motion.free):.2f} {'rad' if motion.turning else 'm'}")
             return Twist()
         acceleration = self._limits.acc_lim_theta if motion.turning else self._limits.acc_lim_x
         top = p.command_turn_rate if motion.turning else p.command_speed
@@ -249,5 +261,10 @@ class Firmware:
     def _end(self, answer: str) -> None:
         self._motion = None
         self._command = self._current = Twist()
-        self._lagging = 0.0
+        self._hindered = 0.0
         self._answers.append(answer)
+
+
+def _shown(text: str) -> str:
+    """What was received, as far as it can stand in an answer: one short line of ASCII."""
+    return repr(text) if text.isascii() and text.isprintable() and len(text) <= 32 else "an unreadable line"

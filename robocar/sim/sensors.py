@@ -1,7 +1,7 @@
 """The car's sensors: each with its own rate, delay, noise and random stream.
 
-A sensor takes a reading when it is due and hands it out after its delay, so an observation may hold readings older than its own time. Readings
-are due at multiples of the sensor's period and taken at the first control tick from then on.
+A sensor takes a reading when it is due and hands it out after its delay, so an observation may hold readings older than its own
+time. Readings are due at multiples of the sensor's period and taken at the first control tick from then on.
 """
 
 from __future__ import annotations

@@ -152,6 +152,9 @@ class Simulation:
         compass = new.get("compass")
         if compass is not None:
             self.firmware.compass(compass.value)
+        bumper = new["bumper"]
+        if bumper is not None:
+            self.firmware.bumper(bumper.value)
         sonars = tuple(scan for channel in self._sonars if (scan := channel.poll(time)) is not None)
         return Observation(time, sonars=sonars, serial=self.firmware.answers(), **new)
 
@@ -325,9 +328,7 @@ class Simulation:
             "wheel_angles": channel(sensors.encoder, wheel_angles),
             "psd": channel(sensors.psd, psd.read),
             "acceleration": channel(sensors.accelerometer, accelerate),
-            "bumper": channel(
-                sensors.bumper, lambda time, _: Reading(time, bool(touch[0] > sensors.bumper.threshold))
-            ),
+            "bumper": channel(sensors.bumper, lambda time, _: Reading(time, bool(touch[0] > sensors.bumper.threshold))),
         }
         if self.robot.lidar is not None:
             lidar = Lidar(model, data, self.robot.lidar, height("lidar"), sensors.lidar, rng("lidar"))
@@ -337,9 +338,7 @@ class Simulation:
         if fit_out.camera:
             camera = OffscreenCamera(model, data, car.PREFIX + "camera", sensors.camera.width, sensors.camera.height)
             self._cameras.append(camera)
-            self._single["image"] = channel(
-                sensors.camera, lambda time, pose: camera.read(time, pose.position, pose.rotation)
-            )
+            self._single["image"] = channel(sensors.camera, lambda time, pose: camera.read(time, pose.position, pose.rotation))
         if fit_out.top_camera:
             top = OffscreenCamera(model, data, "top", sensors.top_camera.width, sensors.top_camera.height)
             self._cameras.append(top)
