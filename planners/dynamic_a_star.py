@@ -19,6 +19,7 @@ from typing import Literal
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from planners import a_star
 from robocar.core import (
@@ -51,6 +52,7 @@ from robocar.core import (
 FINE = 0.025  # [m] resolution of the grid on which echoes are gathered
 _HIT, _MOST, _LEAST = 2, 8, -6  # evidence from which on a fine cell counts as an obstacle, and its bounds
 _PRIOR = 100  # evidence of what the prior map shows: never taken back
+_EXPLAINED = -_PRIOR  # beside it: echoes from here are the prior's, never marked
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +62,8 @@ class Parameters:
         metric: of the A* search, see `planners.a_star`: `octile`, or `thesis` for its Manhattan heuristic.
         look_around: turn 360 degrees in each new cell: `auto` does where no sonar looks sideways.
         cell_size: of the lattice [m].
-        margin: room that the footprint keeps [m].
+        margin: room that the footprint keeps [m]; given up where no way is left with it.
+        prior_tolerance: an echo this near to what the prior shows (its edge included) is that, seen from a drifted pose [m].
         hit_range: echoes from farther away are not marked [m]; free_range: nor is what lies before them taken back beyond this [m].
         speed: from cell to cell [m/s]; turn_rate: on the spot [rad/s].
     """
@@ -69,6 +72,7 @@ class Parameters:
     look_around: Literal["auto", "always", "never"] = "auto"
     cell_size: float = 0.30
     margin: float = 0.015
+    prior_tolerance: float = 0.08
     hit_range: float = 0.65
     free_range: float = 0.65
     speed: float = 0.25
@@ -82,8 +86,9 @@ class Parameters:
         for name in ("cell_size", "hit_range", "free_range", "speed", "turn_rate"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, not {getattr(self, name)}")
-        if not self.margin >= 0:
-            raise ValueError(f"margin must not be negative, not {self.margin}")
+        for name in ("margin", "prior_tolerance"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"{name} must not be negative, not {getattr(self, name)}")
 
 
 @njit(cache=True)
@@ -115,7 +120,7 @@ def _mark_cone(
         low_row, high_row = min(low_row, y), max(high_row, y)
     for i in range(max(0, int(low_row)), min(rows, int(high_row) + 1)):
         for j in range(max(0, int(low_col)), min(cols, int(high_col) + 1)):
-            if evidence[i, j] >= _PRIOR:
+            if abs(evidence[i, j]) == _PRIOR:  # decided by the prior, one way or the other
                 continue
             dx, dy = j + 0.5 - col, i + 0.5 - row
             distance = math.hypot(dx, dy)
@@ -175,14 +180,19 @@ def _way_blocked(
 class ObstacleMemory:
     """What the car knows of obstacles: the prior map, and echoes since; a fine grid in the lattice's frame that grows as needed."""
 
-    def __init__(self, world_from_lattice: SE2, extent: tuple[float, float], prior: OccupancyGrid | None) -> None:
-        """`extent` is the size along the lattice's axes [m]; a prior has the lattice's frame and extent."""
+    def __init__(
+        self, world_from_lattice: SE2, extent: tuple[float, float], prior: OccupancyGrid | None, tolerance: float
+    ) -> None:
+        """`extent` is the size along the lattice's axes [m]; a prior has the lattice's frame and extent; `tolerance` see
+        `Parameters.prior_tolerance`."""
         self.resolution = FINE
         if prior is not None:
             split = max(1, math.ceil(prior.resolution / FINE - 1e-9))
             self.resolution = prior.resolution / split
             known = (prior.occupied | prior.unknown).repeat(split, axis=0).repeat(split, axis=1)
-            self._evidence = np.where(known, _PRIOR, 0).astype(np.int8)
+            outside = np.pad(known, 1, constant_values=True)
+            room = distance_transform_edt(~outside)[1:-1, 1:-1] * self.resolution
+            self._evidence = np.where(known, _PRIOR, np.where(room <= tolerance, _EXPLAINED, 0)).astype(np.int8)
         else:
             rows, cols = (max(1, math.ceil(side / FINE)) for side in reversed(extent))
             self._evidence = np.zeros((rows, cols), dtype=np.int8)
@@ -239,7 +249,7 @@ class ObstacleMemory:
 
     def forget(self) -> None:
         """Drops every echo, keeps the prior."""
-        self._evidence = np.where(self._evidence == _PRIOR, _PRIOR, 0).astype(np.int8)
+        self._evidence[np.abs(self._evidence) != _PRIOR] = 0
 
     def echoes(self) -> Array:
         """Centres (n, 2) [m] of the fine cells that echoes mark as obstacles."""
@@ -284,11 +294,8 @@ class DynamicAStar:
         self._prior = context.prior
         self._period = context.control_period
         self._parameters = context.parameters_of(Parameters)
-        footprint = context.robot.footprint
-        margin = self._parameters.margin
-        self._disc = footprint.circumscribed_radius + margin
-        self._half_width = footprint.inscribed_radius + margin
-        self._front = float(footprint.vertices[:, 0].max()) + margin
+        self._footprint = context.robot.footprint
+        self._keep(self._parameters.margin)
         looks_sideways = any(abs(math.sin(s.robot_from_sensor.theta)) > 0.7 for s in context.robot.sonars)
         sees_around = looks_sideways or context.robot.lidar is not None
         self._look_around = {"always": True, "never": False, "auto": not sees_around}[self._parameters.look_around]
@@ -308,6 +315,14 @@ class DynamicAStar:
         self._turning = True
         self._plans = 0
         self._desperate = False
+        self._overhang = 0.0  # [m] how far the car's nose reaches beyond the last point of the way
+
+    def _keep(self, margin: float) -> None:
+        """How much room the footprint takes from now on [m]."""
+        self._margin = margin
+        self._disc = self._footprint.circumscribed_radius + margin
+        self._half_width = self._footprint.inscribed_radius + margin
+        self._front = float(self._footprint.vertices[:, 0].max()) + margin
 
     def _warm_up(self) -> None:
         """Compiles the kernels outside the control loop."""
@@ -339,7 +354,9 @@ class DynamicAStar:
             else:
                 rows, cols = lattice.shape
                 origin, extent = lattice.origin, (cols * lattice.cell_size, rows * lattice.cell_size)
-            self._lattice, self._memory = lattice, ObstacleMemory(origin, extent, self._prior)
+            self._lattice, self._memory = lattice, ObstacleMemory(
+                origin, extent, self._prior, self._parameters.prior_tolerance
+            )
             self._blocked = np.zeros(lattice.shape, dtype=bool)
         return self._memory
 
@@ -355,7 +372,9 @@ class DynamicAStar:
             if math.dist(point, pose.position) > nearby:
                 break
             last = k == len(self._way) - 1
-            if memory.way_blocked(previous, point, self._half_width, self._front if last else 0.0):
+            # From where the car is now the leg differs a little from the one that was planned: it may use up the margin.
+            half_width = self._half_width - (self._margin if k == 0 else 0.0)
+            if memory.way_blocked(previous, point, half_width, self._overhang if last else 0.0):
                 return True
             if not last and self._is_blocked(self._cell(point)):
                 return True
@@ -370,8 +389,10 @@ class DynamicAStar:
         rows, cols = lattice.shape
         self._blocked = np.array([[self._is_blocked((r, c)) for c in range(cols)] for r in range(rows)])
         costmap = lattice.costmap(self._blocked)
-        start_cells = self._access(costmap, pose.position, 0.0)
-        goal_cells = self._access(costmap, goal.position, self._front)
+        start_cells = self._access(costmap, pose.position, to_point=False)
+        # The last leg ends as soon as the goal is near enough.
+        self._overhang = max(self._front - 0.8 * goal.xy_goal_tolerance, 0.0)
+        goal_cells = self._access(costmap, goal.position, to_point=True)
         reason = "no cell beside the car is free" if not start_cells else "no cell beside the goal is free"
         for start in start_cells:
             for end in goal_cells:
@@ -385,7 +406,6 @@ class DynamicAStar:
                     self._way.pop(0)
                 self._planned_to = goal.position
                 self._turning = True
-                self._desperate = False
                 drawn = np.array([pose.position, *self._way])
                 trace["global"] = Lines((drawn,), color=(40, 120, 255), radius=0.012)
                 trace["blocked_cells"] = self._draw_blocked(costmap)
@@ -396,20 +416,25 @@ class DynamicAStar:
                     f"plan {self._plans}: {len(self._way)} cells, {plan.path.length:.2f} m, {plan.expanded} expanded"
                 )
                 return None
-        if not self._desperate:
-            # Echoes of the same surface seen from several places may add up to a wall that is not there: look again.
+        if self._spin is not None:  # still looking around
+            return Drive(self._turn_on(pose))
+        if self._margin > 0.0:
+            self._keep(0.0)
+            trace["status"] = Text(f"no way left ({reason}); giving up the margin", "WARN")
+        elif not self._desperate:
+            # Echoes of one surface, seen from poses that drift, may add up to a wall that is not there: look again.
             self._desperate = True
             memory.forget()
             self._looked.clear()
-            self._way, self._planned_to, self._spin = [], None, (math.tau, pose.theta)
+            self._spin = (math.tau, pose.theta)
             trace["status"] = Text(f"no way left ({reason}); forgetting all echoes and looking again", "WARN")
-            return Drive(Twist(), trace=trace)  # type: ignore[arg-type]
-        if self._spin is not None:
-            return Drive(self._turn_on(pose))
-        return GiveUp(f"no way to the goal through free cells: {reason}")
+        else:
+            return GiveUp(f"no way to the goal through free cells: {reason}")
+        self._way, self._planned_to = [], None
+        return Drive(Twist(), trace=trace)  # type: ignore[arg-type]
 
-    def _access(self, costmap: Costmap, point: Array, front: float) -> list[tuple[int, int]]:
-        """Free cells, nearest first, between whose centre and the point the car can drive straight."""
+    def _access(self, costmap: Costmap, point: Array, *, to_point: bool) -> list[tuple[int, int]]:
+        """Free cells, nearest first, between whose centre and the point the car can drive straight, to it or from it."""
         lattice, memory = self._lattice, self._memory
         assert lattice is not None and memory is not None
         row, col = (int(i) for i in costmap.cell_from_world(point))
@@ -419,8 +444,8 @@ class DynamicAStar:
                 if not costmap.contains((r, c)) or self._blocked[r, c]:
                     continue
                 centre = costmap.world_from_cell((r, c))
-                start, end = (point, centre) if front == 0.0 else (centre, point)
-                if not memory.way_blocked(start, end, self._half_width, front):
+                start, end = (centre, point) if to_point else (point, centre)
+                if not memory.way_blocked(start, end, self._half_width, self._overhang if to_point else 0.0):
                     found.append((math.dist(centre, point), (r, c)))
         return [cell for _, cell in sorted(found)[:4]]
 

@@ -5,13 +5,19 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import json
+import multiprocessing
+import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from robocar.core import OutputError, UnknownNameError
 from robocar.registry import did_you_mean
+
+if TYPE_CHECKING:
+    from robocar.run import RunResult
 
 
 def experiment_names() -> dict[str, Path]:
@@ -77,6 +83,15 @@ def _cell(value: object) -> str:
     return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
-def merge(*parts: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings put together, later ones win."""
-    return {key: value for part in parts for key, value in part.items()}
+def run_many(jobs: Sequence[Mapping[str, Any]]) -> list[RunResult]:
+    """`robocar.run(**job)` for each job, in processes of their own, one per core; results in the order of the jobs."""
+    workers = min(len(jobs), os.cpu_count() or 1)
+    # Fresh processes: a forked one would inherit the renderer's and the recorder's threads in an undefined state.
+    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+        return list(pool.map(_run_one, jobs))
+
+
+def _run_one(job: Mapping[str, Any]) -> RunResult:
+    from robocar.run import run
+
+    return run(**job)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from robocar.core import (
     OCCUPIED,
@@ -23,7 +25,7 @@ from robocar.core import (
     StartOccupied,
 )
 from robocar.core.distance import ClearanceField, polygon_distance
-from robocar.core.solids import Box, Cylinder, Solid
+from robocar.core.solids import Solid
 from robocar.formats import load_map
 from robocar.scenario import Scenario, goal_heading, pose_of
 from robocar.sim import world
@@ -61,13 +63,13 @@ class Scene:
             MapFormatError: a map cannot be read.
             StartOccupied, GoalOccupied, OutsideMap, ScenarioError: something lies where it must not.
         """
-        grid = load_map(scenario.file(scenario.map), scenario.resolution)
+        grid = load_map(scenario.file("map"), scenario.resolution)
         if scenario.prior == "none":
             prior = None
         elif scenario.prior == "truth":
             prior = grid
         else:
-            prior = load_map(scenario.file(scenario.prior), scenario.resolution)
+            prior = load_map(scenario.file("prior"), scenario.resolution)
         goal = None
         if scenario.goal is not None:
             goal = Goal(
@@ -147,8 +149,7 @@ class Scene:
             self.grid,
             wall_height=scenario.wall_height,
             landmarks=self.landmarks,
-            boxes=[world.Box(s.pose, s.size) for s in self.solids if isinstance(s, Box)],
-            cylinders=[world.Cylinder(s.pose.x, s.pose.y, s.radius, s.height) for s in self.solids if isinstance(s, Cylinder)],
+            solids=self.solids,
             movers=self.movers,
             border=scenario.border,
             lighting=scenario.lighting,
@@ -159,18 +160,36 @@ class Scene:
 
     def _check(self, footprint: Footprint) -> None:
         where = f"scenario {self.scenario.name}"
+        for i, solid in enumerate(self.solids):
+            self._check_inside(solid.pose.position, f"{where}: unknown_obstacles.{i}")
         self._check_pose(footprint, self.start, f"{where}: start", StartOccupied)
         for event in self.scenario.events:
             self._check_pose(footprint, SE2(*event.kidnap), f"{where}: kidnap at {event.time:g} s", ScenarioError)
         if self.goal is not None and not self.scenario.goal_may_be_blocked:
             self._check_goal(footprint, self.goal, f"{where}: goal")
+        for mover in self.movers:
+            self._check_mover(mover, footprint, f"{where}: mover {mover.name!r}")
+
+    def _check_inside(self, point: Array, what: str) -> None:
+        """On the map, unless the world goes on beyond it."""
+        if self.scenario.border == "wall":
+            self.grid.cell_inside(point, what)
+
+    def _check_mover(self, mover: Mover, footprint: Footprint, what: str) -> None:
+        """What its outline sweeps from each way point to the next, and back from the last to the first, must be free."""
+        start = mover.start
+        self._check_inside(start.position, f"{what} at its start")
+        if polygon_distance(mover.outline(start), footprint.at(self.start)) <= mover.radius:
+            raise ScenarioError(f"{what} stands at ({start.x:g}, {start.y:g}), where the car starts")
+        stops = [start, *(SE2(x, y, start.theta) for x, y in mover.waypoints)]  # the last way point is the start again
+        for a, b in pairwise(stops) if len(stops) > 1 else [(start, start)]:
+            if self.clearance(_swept(mover, a, b)) <= mover.radius:
+                raise ScenarioError(
+                    f"{what} hits a wall or an obstacle between ({a.x:g}, {a.y:g}) and ({b.x:g}, {b.y:g}); lead it through free cells"
+                )
 
     def _check_pose(self, footprint: Footprint, pose: SE2, what: str, error: type[RobocarError]) -> None:
-        try:
-            self.grid.cell_inside(pose.position, what)
-        except OutsideMap:
-            if self.scenario.border == "wall":
-                raise
+        self._check_inside(pose.position, what)
         if self.clearance(footprint.at(pose)) > 0.0:
             return
         spot = f"({pose.x:g}, {pose.y:g}, {pose.theta:g})"
@@ -199,6 +218,12 @@ class Scene:
         spot = Footprint.circle(footprint.inscribed_radius).at(SE2(float(x), float(y)))
         if self.clearance(spot) == 0.0:
             raise GoalOccupied(f"{what} ({x:g}, {y:g}) is too tight: an unknown obstacle or the border stands there")
+
+
+def _swept(mover: Mover, a: SE2, b: SE2) -> Array:
+    """Corners of what the mover's outline sweeps from one pose to another of the same heading, (n, 2) [m]."""
+    points = np.unique(np.concatenate([mover.outline(a), mover.outline(b)]), axis=0)
+    return points if len(points) < 3 else points[ConvexHull(points).vertices]
 
 
 def _landmarks(scenario: Scenario) -> tuple[Landmark, ...]:

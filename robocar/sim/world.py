@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -26,6 +25,7 @@ from scipy.spatial import ConvexHull
 
 from robocar.core import SE2, Array, Landmark, OccupancyGrid, ScenarioError, UnknownNameError
 from robocar.core.distance import ClearanceField
+from robocar.core.solids import Box, Cylinder, Solid
 from robocar.sim.cover import cover
 from robocar.sim.movers import Mover, add_mover
 from robocar.sim.wall_mesh import wall_mesh
@@ -58,31 +58,12 @@ LIGHTING: dict[str, tuple[float, float]] = {"default": (0.40, 0.45), "dim": (0.1
 """Ambient and directional light."""
 
 
-@dataclass(frozen=True, slots=True)
-class Box:
-    """A box that stands on the floor: its pose there and its length, width and height [m]."""
-
-    pose: SE2
-    size: tuple[float, float, float]
-
-
-@dataclass(frozen=True, slots=True)
-class Cylinder:
-    """A cylinder that stands on the floor [m]."""
-
-    x: float
-    y: float
-    radius: float
-    height: float
-
-
 def build_world(
     grid: OccupancyGrid,
     *,
     wall_height: float = 0.3,
     landmarks: Sequence[Landmark] = (),
-    boxes: Sequence[Box] = (),
-    cylinders: Sequence[Cylinder] = (),
+    solids: Sequence[Solid] = (),
     movers: Sequence[Mover] = (),
     border: Literal["wall", "open"] = "wall",
     lighting: str = "default",
@@ -97,7 +78,7 @@ def build_world(
         grid: the true map.
         wall_height: [m].
         landmarks: coloured balls. One that reaches below the walls' height is an obstacle like any other; one above is only seen.
-        boxes, cylinders: obstacles that are not in the grid.
+        solids: obstacles that are not in the grid.
         movers: moving obstacles; `movers.MovingObstacle` drives them.
         border: "wall" closes the grid's rectangle with four walls just outside of it; "open": the floor goes on.
         lighting: a name in `LIGHTING`.
@@ -123,10 +104,11 @@ def build_world(
     _add_walls(spec, grid, wall_height)
     if border == "wall":
         _add_border(spec, grid, wall_height)
-    for box in boxes:
-        _add_box(spec, box)
-    for cylinder in cylinders:
-        _add_cylinder(spec, cylinder)
+    for solid in solids:
+        if isinstance(solid, Box):
+            _add_box(spec, solid)
+        else:
+            _add_cylinder(spec, solid)
     _add_landmarks(spec, landmarks, wall_height)
     _add_movers(spec, movers, grid, border == "wall")
     if top_camera:
@@ -261,12 +243,12 @@ def _add_solid_box(spec: mujoco.MjSpec, pose: SE2, size: tuple[float, float, flo
 
 
 def _add_cylinder(spec: mujoco.MjSpec, cylinder: Cylinder) -> None:
-    numbers = (cylinder.x, cylinder.y, cylinder.radius, cylinder.height)
+    numbers = (cylinder.pose.x, cylinder.pose.y, cylinder.radius, cylinder.height)
     if not (all(math.isfinite(n) for n in numbers) and cylinder.radius > 0 and cylinder.height > 0):
         raise ScenarioError(f"{cylinder}: needs a finite position and a positive radius and height")
     spec.worldbody.add_geom(
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        pos=[cylinder.x, cylinder.y, cylinder.height / 2],
+        pos=[cylinder.pose.x, cylinder.pose.y, cylinder.height / 2],
         size=[cylinder.radius, cylinder.height / 2, 0],
         **_solid(),
     )

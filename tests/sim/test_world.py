@@ -16,10 +16,11 @@ from hypothesis import strategies as st
 
 from robocar.core import SE2, Landmark, OccupancyGrid, ScenarioError, UnknownNameError
 from robocar.core.rays import cast_rays
+from robocar.core.solids import Box, Cylinder
 from robocar.formats import load_map
 from robocar.formats.generated import cave, rooms
 from robocar.sim.movers import Mover
-from robocar.sim.world import FLOOR_BIT, SENSED_GROUP, SOLID_BIT, Box, Cylinder, build_world
+from robocar.sim.world import FLOOR_BIT, SENSED_GROUP, SOLID_BIT, build_world
 
 SENSED = np.array([1, 0, 0, 0, 0, 0], dtype=np.uint8)
 
@@ -125,8 +126,7 @@ def test_what_stands_never_collides_with_itself() -> None:
     middle = grid.origin @ SE2(1.0, 1.0, 0.3)
     world = build_world(
         grid,
-        boxes=[Box(middle, (1.0, 1.0, 0.2)), Box(middle, (0.5, 2.0, 0.3))],
-        cylinders=[Cylinder(middle.x, middle.y, 0.4, 0.3)],
+        solids=[Box((1.0, 1.0, 0.2), middle), Box((0.5, 2.0, 0.3), middle), Cylinder(0.4, 0.3, middle)],
         landmarks=[Landmark("low", "red", np.array([middle.x, middle.y, 0.05]), 0.1)],
     )
     _, data = place(world)
@@ -210,8 +210,7 @@ def test_obstacles_stand_where_they_are_put() -> None:
     world = build_world(
         OccupancyGrid(np.zeros((10, 10)), 1.0),
         border="open",
-        boxes=[Box(SE2(5, 2, math.pi / 4), (1.0, 1.0, 0.2))],
-        cylinders=[Cylinder(5, 8, 0.5, 0.2)],
+        solids=[Box((1.0, 1.0, 0.2), SE2(5, 2, math.pi / 4)), Cylinder(0.5, 0.2, SE2(5, 8))],
     )
     model, data = place(world)
     hits = [sensed(model, data, np.array([1.0, y]), np.zeros(1), 0.1)[0] for y in (2, 8)]
@@ -347,9 +346,9 @@ def test_maps_from_elsewhere_become_the_same_walls(data_dir: Path) -> None:
         ({"border": "fence"}, ScenarioError, "'fence' is neither 'wall' nor 'open'"),
         ({"lighting": "disco"}, UnknownNameError, "'disco'.*default, dim, bright"),
         ({"timestep": 0.0}, ScenarioError, "timestep 0.0"),
-        ({"boxes": [Box(SE2(), (0.1, -0.1, 0.1))]}, ScenarioError, "box at"),
-        ({"cylinders": [Cylinder(0, math.inf, 0.1, 0.1)]}, ScenarioError, "Cylinder"),
-        ({"cylinders": [Cylinder(0, 0, 0.0, 0.1)]}, ScenarioError, "Cylinder"),
+        ({"solids": [Box((0.1, -0.1, 0.1))]}, ScenarioError, "box at"),
+        ({"solids": [Cylinder(math.inf, 0.1)]}, ScenarioError, "Cylinder"),
+        ({"solids": [Cylinder(0.0, 0.1)]}, ScenarioError, "Cylinder"),
         ({"landmarks": [Landmark("a", "beige", np.zeros(3), 0.1)]}, UnknownNameError, "'beige'.*red, green"),
         ({"landmarks": [Landmark("a", "red", np.zeros(2), 0.1)]}, ScenarioError, "position"),
         ({"landmarks": [Landmark("a", "red", np.zeros(3), 0.0)]}, ScenarioError, "radius 0.0"),
