@@ -43,6 +43,8 @@ from robocar.core import (
     Trace,
 )
 
+_GOAL_SHIFT = 0.75  # of the goal's tolerance, the farthest that a blocked goal is moved: the rest is left for arriving
+
 
 @dataclass(frozen=True, slots=True)
 class Parameters:
@@ -174,7 +176,7 @@ class PlanAndFollow:
                 if start is None:
                     raise
             except GoalOccupied:
-                inside = _substitute(costmap, target.position, goal.position, (1.0 - STOPPING_SHARE) * goal.xy_goal_tolerance)
+                inside = _substitute(costmap, target.position, goal.position, _GOAL_SHIFT * goal.xy_goal_tolerance)
                 if inside is None:
                     raise
                 left = goal.xy_goal_tolerance - math.dist(inside, goal.position)

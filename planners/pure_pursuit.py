@@ -213,7 +213,7 @@ class PurePursuit:
     def _views(self, costmap: Costmap | None, pose: SE2) -> list[_View]:
         """The place with each outline that is free there, roomy ones first."""
         if costmap is None:
-            return [_View(_NOTHING, 1.0, pose.x, pose.y, pose.theta, None)]
+            return [_View(_NOTHING, 1.0, pose.x, pose.y, pose.theta, self._outlines[0])]
         resolution = costmap.resolution
         if resolution != self._resolution:
             self._resolution, self._outlines_in_cells = resolution, [outline / resolution for outline in self._outlines]
