@@ -83,8 +83,8 @@ say "installing robocar and what it needs into .venv (some minutes the first tim
     --constraint constraints.txt --editable "$package" </dev/null
 
 # -- OpenGL without a screen: what draws a picture is there, whoever's driver it is ----------------------------------------
-renders() {
-    MUJOCO_GL="${MUJOCO_GL:-egl}" .venv/bin/python - >/dev/null 2>&1 <<'PYTHON'
+renders() { # says its last words where it cannot
+    MUJOCO_GL="${MUJOCO_GL:-egl}" .venv/bin/python - 2>&1 <<'PYTHON' | tail -n 1
 import os
 import tempfile
 
@@ -96,14 +96,18 @@ renderer = mujoco.Renderer(model, 8, 8)
 data = mujoco.MjData(model)
 mujoco.mj_forward(model, data)
 renderer.update_scene(data)
-raise SystemExit(renderer.render().max() == 0)
+raise SystemExit(0 if renderer.render().any() else "all pixels are black")
 PYTHON
 }
 
 egl_packages=(libegl1 libgl1-mesa-dri libopengl0)
-if ! renders; then
-    { apt_install "${egl_packages[@]}" && renders; } \
-        || { say "MuJoCo cannot render without a screen (libEGL or Mesa is missing); type:"; to_type "${egl_packages[@]}" >&2; exit 1; }
+if ! why=$(renders); then
+    { apt_install "${egl_packages[@]}" && why=$(renders); } || {
+        say "MuJoCo cannot render without a screen: $why"
+        say "libEGL or Mesa seems to be missing; type:"
+        to_type "${egl_packages[@]}" >&2
+        exit 1
+    }
 fi
 
 # -- for the test that opens recordings in the real viewer; without these it is skipped ------------------------------------
