@@ -23,8 +23,8 @@ class Entry:
     """One algorithm that can be chosen by name.
 
     Args:
-        factory: `module:function`, called with the `Context` and the built `parts`.
-        parts: `module:function` of components handed to the factory (a global and a local planner, say).
+        factory: `module:function`, called with the `Context` and the factories in `parts`.
+        parts: `module:function` of component factories (of a global and a local planner, say).
         parameters: `module:Class` of the dataclasses whose fields may be set by `--set <kind>.<field>=value`.
         summary: one line for `robocar list`; paper: its source.
     """
@@ -61,6 +61,8 @@ NAVIGATORS: dict[str, Entry] = {
         parameters=("planners.dynamic_a_star:Parameters",),
     ),
     "a-star": _follow("a_star", "shortest grid path, followed by pure pursuit", "Hart, Nilsson and Raphael 1968"),
+    "theta-star": _follow("theta_star", "any-angle path, followed by pure pursuit", "Daniel, Nash, Koenig and Felner 2010"),
+    "d-star-lite": _follow("d_star_lite", "replans incrementally, followed by pure pursuit", "Koenig and Likhachev 2002"),
 }
 
 ESTIMATORS: dict[str, Entry] = {
@@ -128,8 +130,7 @@ def build(kind: Kind, name: str, context: Context) -> Any:
     if known or not entry.factory.startswith("given"):
         _refuse_unknown(kind, name, context.parameters, known)
     what = f"{kind} {name!r}"
-    parts = [_load(part, what)(context) for part in entry.parts]
-    return _load(entry.factory, what)(context, *parts)
+    return _load(entry.factory, what)(context, *(_load(part, what) for part in entry.parts))
 
 
 def parameters(entry: Entry) -> dict[str, Any]:
