@@ -85,10 +85,6 @@ say "installing robocar and what it needs into .venv (some minutes the first tim
 # -- OpenGL without a screen: what draws a picture is there, whoever's driver it is ----------------------------------------
 renders() { # says its last words where it cannot
     MUJOCO_GL="${MUJOCO_GL:-egl}" .venv/bin/python - 2>&1 <<'PYTHON' | tail -n 1
-import os
-import tempfile
-
-os.chdir(tempfile.mkdtemp())  # MuJoCo writes its log into the working directory
 import mujoco
 
 model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>")
