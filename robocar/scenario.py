@@ -4,12 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from robocar.core import SE2, ScenarioError
 from robocar.core.solids import Box, Cylinder, Solid
@@ -19,11 +30,26 @@ from robocar.sim.movers import Mover
 from robocar.sim.sensors import SensorParameters
 from robocar.sim.simulation import PhysicsParameters
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+def _no_flag(value: Any) -> Any:
+    """YAML's `yes` and `on` are flags, which Python would take for the number 1."""
+    if isinstance(value, bool):
+        raise ValueError(f"expected a number, not {value}")
+    return value
+
+
+Finite = Annotated[float, BeforeValidator(_no_flag), Field(allow_inf_nan=False)]
+NotNegative = Annotated[float, BeforeValidator(_no_flag), Field(ge=0, allow_inf_nan=False)]
+Positive = Annotated[float, BeforeValidator(_no_flag), Field(gt=0, allow_inf_nan=False)]
 Point = tuple[Finite, Finite]
 PoseTriple = tuple[Finite, Finite, Finite]
+# By their count, so that a bad number is reported once and not for either form.
+PointOrTriple = Annotated[
+    Annotated[Point, Tag("tuple[2]")] | Annotated[PoseTriple, Tag("tuple[3]")],
+    Discriminator(lambda value: "tuple[3]" if isinstance(value, list | tuple) and len(value) > 2 else "tuple[2]"),
+]
 COMPONENTS = ("navigator", "estimator", "mapper")
+_POSITIVE = ("period", "timestep", "control_period", "max_range", "beam_width", "resolution", "width", "height")
 
 
 class _Model(BaseModel):
@@ -54,7 +80,7 @@ class LandmarkModel(_Model):
     """A coloured ball. Without a z its lowest point is at the height of the walls."""
 
     color: Literal["red", "green", "blue", "orange", "yellow", "magenta", "cyan"]
-    position: Point | PoseTriple
+    position: PointOrTriple
     radius: Positive = 0.10
     name: str | None = None
 
@@ -67,7 +93,7 @@ class MoverModel(_Model):
     cylinder: tuple[Positive, Positive] | None = None
     heading: Finite = 0.0
     waypoints: Annotated[list[Point], Field(min_length=1)]
-    speed: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.2
+    speed: NotNegative = 0.2
     mass: Positive = 5.0
 
     @model_validator(mode="after")
@@ -93,7 +119,7 @@ class MoverModel(_Model):
 class EventModel(_Model):
     """Something that happens at a time, between two ticks."""
 
-    time: Annotated[float, Field(ge=0)]
+    time: NotNegative
     kidnap: PoseTriple
 
 
@@ -108,6 +134,12 @@ class RobotModel(_Model):
     top_camera: bool = False
     sensors: SensorParameters = Field(default_factory=SensorParameters)
     physics: PhysicsParameters = Field(default_factory=PhysicsParameters)
+
+    @field_validator("sensors", "physics", mode="after")
+    @classmethod
+    def _sensible(cls, value: SensorParameters | PhysicsParameters) -> SensorParameters | PhysicsParameters:
+        _refuse_senseless(asdict(value))
+        return value
 
 
 class ProgressModel(_Model):
@@ -139,7 +171,7 @@ class Scenario(_Model):
     wall_height: Positive = 0.30
     start: PoseTriple
     start_known: bool = True
-    goal: Point | PoseTriple | None = None
+    goal: PointOrTriple | None = None
     goal_may_be_blocked: bool = False
     xy_goal_tolerance: Positive = 0.10
     yaw_goal_tolerance: Positive = 0.25
@@ -161,19 +193,38 @@ class Scenario(_Model):
             raise ValueError(
                 f"success_radius ({self.success_radius}) must not be smaller than xy_goal_tolerance ({self.xy_goal_tolerance})"
             )
-        names = [mover.name for mover in self.movers]
-        if len(set(names)) != len(names):
-            raise ValueError(f"movers need different names, not {names}")
+        for what, names in (("movers", [m.name for m in self.movers]), ("landmarks", [b.name for b in self.landmarks if b.name])):
+            if len(set(names)) != len(names):
+                raise ValueError(f"{what} need different names, not {names}")
         return self
 
-    def file(self, name: str) -> Path:
-        """A file that the scenario names: beside it, in its parent folder, or in `models/`."""
+    def file(self, field: str) -> Path:
+        """The file that `map` or `prior` names: beside the scenario, in its parent folder, or in `models/`.
+
+        Raises:
+            ScenarioError: there is none.
+        """
+        name: str = getattr(self, field)
         path = Path(name).expanduser()
         candidates = [path] if path.is_absolute() else [base / path for base in (self.folder, self.folder.parent, MODELS)]
         for candidate in candidates:
             if candidate.is_file():
                 return candidate
-        raise ScenarioError(f"scenario {self.name}: there is no file {name!r} beside it or in {MODELS.name}/")
+        raise ScenarioError(f"scenario {self.name}: {field}: there is no file {name!r} beside it or in {MODELS.name}/")
+
+
+def _refuse_senseless(parameters: Mapping[str, Any], where: str = "") -> None:
+    """Sensors and physics come without negative numbers, and what divides (periods, sizes, ranges) without zeros."""
+    for name, value in parameters.items():
+        path = f"{where}.{name}" if where else name
+        if isinstance(value, Mapping):
+            _refuse_senseless(value, path)
+            continue
+        zero_is_fine = name not in _POSITIVE or path == "encoder.period"
+        if not (math.isfinite(value) and (value >= 0 if zero_is_fine else value > 0)):
+            raise ValueError(f"{path}: expected a finite number {'from 0 on' if zero_is_fine else 'above 0'}, not {value}")
+        if name == "dropout" and value > 1:
+            raise ValueError(f"{path}: expected a share of the readings, 0 to 1, not {value}")
 
 
 def scenario_names() -> list[str]:
@@ -257,8 +308,12 @@ def _explain(error: Any) -> str:
     field = ".".join(str(part) for part in location)
     if error["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         return f"unknown key {field!r}{did_you_mean(str(location[-1]), _keys_at(location[:-1]))}"
+    if error["type"] == "missing" and isinstance(location[-1], int):
+        return f"{'.'.join(map(str, location[:-1]))}: number {location[-1] + 1} is missing"
     if error["type"] == "missing":
         return f"missing key {field!r}"
+    if error["type"] == "too_long":
+        return f"{field}: at most {error['ctx']['max_length']} numbers, not {error['input']!r}"
     message = error["msg"].removeprefix("Value error, ")
     if error["type"] == "value_error":
         return f"{field}: {message}" if field else message

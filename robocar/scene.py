@@ -183,10 +183,11 @@ class Scene:
             raise ScenarioError(f"{what} stands at ({start.x:g}, {start.y:g}), where the car starts")
         stops = [start, *(SE2(x, y, start.theta) for x, y in mover.waypoints)]  # the last way point is the start again
         for a, b in pairwise(stops) if len(stops) > 1 else [(start, start)]:
-            if self.clearance(_swept(mover, a, b)) <= mover.radius:
-                raise ScenarioError(
-                    f"{what} hits a wall or an obstacle between ({a.x:g}, {a.y:g}) and ({b.x:g}, {b.y:g}); lead it through free cells"
-                )
+            swept = _swept(mover, a, b)
+            room = min([self._walls.footprint(swept), *(polygon_distance(swept, outline) for outline, *_ in self._outlines)])
+            if room <= mover.radius:
+                leg = f"({a.x:g}, {a.y:g}) and ({b.x:g}, {b.y:g})"
+                raise ScenarioError(f"{what} hits a wall or an obstacle between {leg}; lead it through free cells")
 
     def _check_pose(self, footprint: Footprint, pose: SE2, what: str, error: type[RobocarError]) -> None:
         self._check_inside(pose.position, what)
