@@ -26,9 +26,15 @@ def cells(name: Any, values: pa.Array, lengths: Sequence[int] | NDArray | None =
     return rr.ComponentColumn(name, batch, lengths=None if lengths is None else np.asarray(lengths))
 
 
+def single(values: Any) -> NDArray[np.float32]:
+    """Numbers as float32, which is what is drawn with; what is too large for it is drawn at infinity."""
+    with np.errstate(over="ignore"):
+        return np.asarray(values, dtype=np.float32)
+
+
 def vectors(values: Any, size: int) -> pa.Array:
     """Rerun's vectors of `size` float32 from anything of as many numbers."""
-    flat = pa.array(np.asarray(values, dtype=np.float32).ravel())
+    flat = pa.array(single(values).ravel())
     return pa.FixedSizeListArray.from_arrays(flat, type=_VECTOR[size])
 
 
@@ -69,7 +75,7 @@ def segments(rows: Any) -> list[rr.ComponentColumn]:
 
 def cones(rows: Rows) -> list[rr.ComponentColumn]:
     """Rows are (length [m], colour 0xRRGGBBAA) of a cone of unit length."""
-    lengths = np.repeat(np.asarray([length for length, _ in rows], dtype=np.float32), 3)
+    lengths = np.repeat(single([length for length, _ in rows]), 3)
     colors = np.asarray([color for _, color in rows], dtype=np.uint32)
     return [
         cells(rr.Transform3D.descriptor_scale(), vectors(lengths, 3)),

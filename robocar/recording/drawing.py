@@ -8,9 +8,10 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from robocar.core import SE2, Array, GridMap, Image, OccupancyGrid, Robot, Scan
+from robocar.core import SE2, Array, Detection, GridMap, Image, OccupancyGrid, Robot, Scan
 from robocar.core.trace import Arrows, Drawable, Field, Lines, Points, Segments
 from robocar.recording import palette
+from robocar.recording.columns import single
 from robocar.recording.scenery import Box, Cylinder, Scenery, Solid
 
 # Heights above the floor [m]: what explains lies over what it explains.
@@ -52,7 +53,7 @@ def grid_image(grid: GridMap, colors: NDArray[np.uint8], z: float) -> rr.GridMap
 
 def raised(points: Array, z: float) -> NDArray[np.float32]:
     """Points (n, 2) lifted to height z, points (n, 3) as they are, (n, 3) [m]."""
-    flat = np.asarray(points, dtype=np.float32)
+    flat = single(points)
     if flat.ndim == 2 and flat.shape[1] == 3:
         return flat
     flat = flat.reshape(-1, 2)
@@ -187,11 +188,20 @@ def cone(bearing: float, beam_width: float) -> rr.Mesh3D:
     )
 
 
+def detections(seen: tuple[Detection, ...]) -> rr.LineStrips3D:
+    """A ray from the robot to each landmark that it sees, in the robot's frame."""
+    drawn = [d for d in seen if math.isfinite(d.bearing) and math.isfinite(d.range)]
+    ends = [(d.range * math.cos(d.bearing), d.range * math.sin(d.bearing)) for d in drawn]
+    rays = [raised(np.array([(0.0, 0.0), end]), SENSOR_LAYER) for end in ends]
+    labels = [d.landmark for d in drawn]
+    return rr.LineStrips3D(rays, colors=[palette.rgba32(palette.LASER)], radii=rr.Radius.ui_points(1.0), labels=labels)
+
+
 def laser_hits(scan: Scan, most: int) -> NDArray[np.float32]:
     """The points that a scan hit, every k-th where there are more than `most` beams, (n, 3) [m] in the sensor's frame."""
-    every = -(-len(scan.ranges) // most)
+    every = max(1, -(-len(scan.ranges) // most))
     ranges, bearings = scan.ranges[::every], scan.bearings[::every]
-    heard = np.isfinite(ranges)
+    heard = np.isfinite(ranges) & np.isfinite(bearings)
     points = ranges[heard, None] * np.stack([np.cos(bearings[heard]), np.sin(bearings[heard])], axis=1)
     return raised(points, 0.0)
 

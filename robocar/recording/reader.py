@@ -67,7 +67,7 @@ def read_observations(path: PathLike) -> Iterator[tuple[Observation, Command]]:
             if len(row.get(name, ())):
                 if tick not in blobs:
                     raise LogFormatError(f"{path}: tick {tick} has an {name} but no pixels")
-                pixels[name] = codec.decode_png(np.frombuffer(blobs[tick]["EncodedImage:blob"][0], dtype=np.uint8))
+                pixels[name] = codec.decode_png(blobs[tick]["EncodedImage:blob"][0].values.to_numpy())
         yield codec.decode_observation(row, pixels), codec.decode_command(commands[tick])
 
 
@@ -106,8 +106,10 @@ def _rows(path: PathLike, entity: str, components: tuple[str, ...]) -> dict[int,
                 continue
             column = batch[name]
             values = column.values
-            numeric = pa.types.is_floating(values.type)
-            values = values.to_numpy() if numeric else values.to_pylist()
+            if pa.types.is_floating(values.type):
+                values = values.to_numpy()
+            elif pa.types.is_string(values.type):
+                values = values.to_pylist()
             for tick, (start, end), valid in zip(
                 ticks, pairwise(column.offsets.to_pylist()), column.is_valid().to_pylist(), strict=True
             ):

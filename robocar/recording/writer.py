@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
+from functools import lru_cache
 from itertools import chain
 from pathlib import Path as FilePath
 from typing import Any
@@ -42,6 +43,8 @@ TRACE_INTERVAL, TRACE_RATE = 0.2, 20_000.0  # [s], [B/s]
 PARTICLE_INTERVAL, MOST_PARTICLES = 0.5, 200
 LASER_INTERVAL, MOST_BEAMS = 0.2, 200
 
+FLUSH_TIMEOUT = 60.0  # [s] of real time; only a writer that died takes so long
+ROOM = 1 << 20  # a disk with less room is full [B]
 _FOOTER = b"RRF2FOOT"
 
 
@@ -103,12 +106,15 @@ class RerunRecorder:
         robot = scenery.robot
         views = blueprint(scenery, cameras=robot is None or robot.camera or robot.top_camera)
         try:
+            # Rerun waits for ever for a writer that failed at the first byte.
+            if self._free_bytes() < ROOM:
+                raise OutputError(self._failure("cannot write the recording"))
             if live:
                 rr.spawn(connect=False, hide_welcome_screen=True)
                 self._stream.set_sinks(rr.FileSink(str(self._path)), rr.GrpcSink(), default_blueprint=views)
             else:
                 self._stream.save(self._path, default_blueprint=views)
-        except RuntimeError as error:
+        except (RuntimeError, OSError) as error:
             raise OutputError(f"{self._path}: cannot write the recording: {error}") from error
         self._stream.set_log_time_enabled(False)
         drawing.log_scenery(self._stream, scenery)
@@ -185,7 +191,7 @@ class RerunRecorder:
 
     def _truth(self, truth: GroundTruth) -> None:
         for name, pose in truth.movers.items():
-            entity = f"world/movers/{rr.escape_entity_path_part(name)}"
+            entity = f"world/movers/{_part(name)}"
             self._buffer(entity, columns.poses).append(self._tick, self._time, (pose.x, pose.y, pose.theta))
         if truth.contact and not self._contact:
             self._status("the car touches something", "WARN")
@@ -213,21 +219,18 @@ class RerunRecorder:
         if observation.top_image is not None:
             self._image("top_image", observation.top_image)
         if observation.landmarks:
-            seen = [(d.range * math.cos(d.bearing), d.range * math.sin(d.bearing)) for d in observation.landmarks]
-            rays = [drawing.raised(np.array([(0.0, 0.0), point]), drawing.SENSOR_LAYER) for point in seen]
-            labels = [d.landmark for d in observation.landmarks]
-            self._log(
-                "world/robot/detections",
-                rr.LineStrips3D(rays, colors=[palette.rgba32(palette.LASER)], radii=0.006, labels=labels),
-            )
+            self._log("world/robot/detections", drawing.detections(observation.landmarks))
 
     def _sonar(self, scan: Scan) -> None:
-        entity = f"world/robot/sonar/{rr.escape_entity_path_part(scan.name or 'sonar')}"
-        mount = (scan.robot_from_sensor, scan.beam_width, float(scan.bearings[0]))
+        entity = f"world/robot/sonar/{_part(scan.name or 'sonar')}"
+        if len(scan.bearings) == 0 or not math.isfinite(scan.bearings[0]):
+            return
+        bearing = float(scan.bearings[0])
+        mount = (scan.robot_from_sensor, scan.beam_width, bearing)
         if self._mounts.get(entity) != mount:
             self._mounts[entity] = mount
             self._log(entity, drawing.transform(scan.robot_from_sensor, drawing.SENSOR_LAYER))
-            self._log(f"{entity}/cone", drawing.cone(float(scan.bearings[0]), scan.beam_width))
+            self._log(f"{entity}/cone", drawing.cone(bearing, scan.beam_width))
         distance = float(scan.ranges[0])
         heard = math.isfinite(distance)
         row = (distance if heard else scan.max_range, palette.rgba32(palette.ECHO if heard else palette.NO_ECHO))
@@ -251,7 +254,7 @@ class RerunRecorder:
         self._log(f"{entity}/image", rr.EncodedImage(contents=png, media_type="image/png"))
 
     def _belief(self, belief: Belief) -> None:
-        if belief.covariance is not None and self._time >= self._next_ellipse:
+        if belief.covariance is not None and self._time >= self._next_ellipse and np.isfinite(belief.covariance).all():
             self._next_ellipse = self._time + PARTICLE_INTERVAL
             row = (belief.pose.position, belief.covariance[:2, :2])
             self._buffer("world/estimate/covariance", _ellipse_columns).append(self._tick, self._time, row)
@@ -275,14 +278,15 @@ class RerunRecorder:
     def _trace(self, trace: Trace) -> None:
         for name, item in trace.items():
             if isinstance(item, Scalar):
-                self._number(name if name not in SERIES else f"trace/{name}", item.value)
+                self._number(_entity(f"trace/{name}" if name in SERIES else name), item.value)
             elif isinstance(item, Text):
-                if self._texts.get(name) != item:
+                last = self._texts.get(name)
+                if last is not item and last != item:
                     self._texts[name] = item
                     self._status(item.message, item.level)
             else:
                 folder = "world" if name.startswith("costmap/") else "world/plan"
-                self._traces.offer(f"{folder}/{name}", item)
+                self._traces.offer(f"{folder}/{_entity(name)}", item)
 
     # ---- small ones ----
 
@@ -320,18 +324,29 @@ class RerunRecorder:
         for buffer in (self._observed, self._commanded, *self._buffers.values()):
             buffer.send(self._stream)
         try:
-            self._stream.flush()
+            self._stream.flush(timeout_sec=FLUSH_TIMEOUT)
         except RuntimeError as error:
             self._closed = True
             self._stream.disconnect()
             raise OutputError(self._failure()) from error
 
-    def _failure(self) -> str:
-        """What to say when the file cannot be written to the end."""
+    def _free_bytes(self) -> int:
         disk = os.statvfs(self._path.parent)
-        free = disk.f_bavail * disk.f_frsize
-        cause = f"the disk is full ({free} bytes free)" if free < 1 << 20 else "writing failed"
-        return f"{self._path}: the recording is incomplete: {cause}"
+        return disk.f_bavail * disk.f_frsize
+
+    def _failure(self, what: str = "the recording is incomplete") -> str:
+        free = self._free_bytes()
+        cause = f"the disk is full ({free} bytes free)" if free < ROOM else "writing failed"
+        return f"{self._path}: {what}: {cause}"
+
+
+_part = lru_cache(maxsize=1024)(rr.escape_entity_path_part)
+
+
+@lru_cache(maxsize=1024)
+def _entity(name: str) -> str:
+    """The entity path of a trace's name, which may hold any sign; `/` makes a level."""
+    return "/".join(map(_part, filter(None, name.split("/")))) or "unnamed"
 
 
 def _observation_columns(rows: columns.Rows) -> list[rr.ComponentColumn]:
@@ -350,11 +365,10 @@ def _ellipse_columns(rows: columns.Rows) -> list[rr.ComponentColumn]:
 def _table(rows: columns.Rows, numbers: tuple[str, ...], texts: tuple[str, ...]) -> list[rr.ComponentColumn]:
     """Columns of the rows of `codec`, without those that are empty throughout."""
     table = []
-    for name in numbers + texts:
+    present = set().union(*rows)
+    for name in (name for name in numbers + texts if name in present):
         values = [row.get(name, ()) for row in rows]
         lengths = [len(value) for value in values]
-        if not any(lengths):
-            continue
         if name in texts:
             flat = pa.array(list(chain.from_iterable(values)), pa.string())
         elif any(isinstance(value, np.ndarray) for value in values):
