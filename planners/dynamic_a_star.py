@@ -48,6 +48,7 @@ from robocar.core import (
     Twist,
     wrap_angle,
 )
+from robocar.core.trace import PLAN_COLOR
 
 FINE = 0.025  # [m] resolution of the grid on which echoes are gathered
 _HIT, _MOST, _LEAST = 2, 8, -6  # evidence from which on a fine cell counts as an obstacle, and its bounds
@@ -134,9 +135,7 @@ def _mark_cone(
 
 
 @njit(cache=True)
-def _cell_blocked(
-    evidence: NDArray[np.int8], col: float, row: float, disc: float, half_width: float, half_cell: float
-) -> bool:
+def _cell_blocked(evidence: NDArray[np.int8], col: float, row: float, disc: float, half_width: float, half_cell: float) -> bool:
     """Whether an obstacle lies where the car turns on (col, row) (a disc) or drives over the cell along its axes (a plus).
 
     In fine cells and the grid's frame, which is the lattice's.
@@ -228,9 +227,7 @@ class ObstacleMemory:
         for reading, bearing in zip(scan.ranges, scan.bearings, strict=True):
             if math.isfinite(reading) and reading <= max(hit_range, 2 * free_range):
                 seen = reading if reading <= hit_range else 1e6  # too far to mark, yet free before it
-                _mark_cone(
-                    self._evidence, col, row, heading + bearing, seen * scale, half, free_range * scale, 0.02 * scale
-                )
+                _mark_cone(self._evidence, col, row, heading + bearing, seen * scale, half, free_range * scale, 0.02 * scale)
 
     def cell_blocked(self, centre: tuple[float, float], disc: float, half_width: float, half_cell: float) -> bool:
         """See `_cell_blocked`; lengths in metres."""
@@ -242,9 +239,7 @@ class ObstacleMemory:
         """See `_way_blocked`; lengths in metres."""
         scale = 1.0 / self.resolution
         return bool(
-            _way_blocked(
-                self._evidence, *self._grid_point(start), *self._grid_point(end), half_width * scale, front * scale
-            )
+            _way_blocked(self._evidence, *self._grid_point(start), *self._grid_point(end), half_width * scale, front * scale)
         )
 
     def forget(self) -> None:
@@ -354,9 +349,7 @@ class DynamicAStar:
             else:
                 rows, cols = lattice.shape
                 origin, extent = lattice.origin, (cols * lattice.cell_size, rows * lattice.cell_size)
-            self._lattice, self._memory = lattice, ObstacleMemory(
-                origin, extent, self._prior, self._parameters.prior_tolerance
-            )
+            self._lattice, self._memory = lattice, ObstacleMemory(origin, extent, self._prior, self._parameters.prior_tolerance)
             self._blocked = np.zeros(lattice.shape, dtype=bool)
         return self._memory
 
@@ -407,7 +400,7 @@ class DynamicAStar:
                 self._planned_to = goal.position
                 self._turning = True
                 drawn = np.array([pose.position, *self._way])
-                trace["global"] = Lines((drawn,), color=(40, 120, 255), radius=0.012)
+                trace["global"] = Lines((drawn,), color=PLAN_COLOR, radius=0.012)
                 trace["blocked_cells"] = self._draw_blocked(costmap)
                 trace["echoes"] = Points(memory.echoes(), color=(255, 80, 40), radius=0.012)
                 trace["replans"] = Scalar(self._plans - 1)

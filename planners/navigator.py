@@ -42,6 +42,7 @@ from robocar.core import (
     Text,
     Trace,
 )
+from robocar.core.trace import PLAN_COLOR
 
 _GOAL_SHIFT = 0.75  # of the goal's tolerance, the farthest that a blocked goal is moved: the rest is left for arriving
 
@@ -194,7 +195,7 @@ class PlanAndFollow:
         message = f"{reason}: path of {plan.path.length:.2f} m, {plan.expanded} expanded"
         return _merged(
             {
-                "global": Lines((plan.path.points,)),
+                "global": Lines((plan.path.points,), color=PLAN_COLOR, radius=0.012),
                 "replans": Scalar(self.replans),
                 "expanded": Scalar(plan.expanded),
                 "plan": Text(message),

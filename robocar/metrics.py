@@ -42,7 +42,7 @@ class RunLog:
         footprint: the car's.
         start: the true pose before the first tick.
         goal: or None, for tasks without one.
-        wall_time: of the whole run [s], or None.
+        wall_time: of the loop, without building the world [s], or None.
         carried: whether an event moved the car since the tick before (`kidnap`), (n,) bool, or None where there is none.
     """
 

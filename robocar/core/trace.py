@@ -15,6 +15,9 @@ from robocar.core.grid import GridMap
 
 Color: TypeAlias = tuple[int, int, int]
 
+PLAN_COLOR: Color = (214, 39, 160)
+"""Of what is planned, in every recording."""
+
 
 @dataclass(frozen=True, slots=True)
 class Points:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robocar.core import INSCRIBED, LETHAL, Costmap, GridMap, OccupancyGrid
+from robocar.core.trace import PLAN_COLOR
 
 Rgb = tuple[int, int, int]
 
