@@ -39,7 +39,7 @@ def extent(scenery: Scenery) -> tuple[np.ndarray, float, float]:
     return (low + high) / 2, float(width), float(height)
 
 
-def blueprint(scenery: Scenery, *, cameras: bool) -> rrb.Blueprint:
+def blueprint(scenery: Scenery) -> rrb.Blueprint:
     """Map from above, 3D view, cameras where fitted, time series, log and a page that explains the colours."""
     centre, width, height = extent(scenery)
     target = [centre[0], centre[1], 0.0]
@@ -76,12 +76,12 @@ def blueprint(scenery: Scenery, *, cameras: bool) -> rrb.Blueprint:
         overrides=growing,
     )
     seen = ["+ $origin/**", "+ /world/landmarks", "+ /world/robot/detections"]
-    views = [spatial]
-    if cameras:
-        views += [
-            rrb.Spatial2DView(origin="world/robot/camera", contents=seen, name="Camera"),
-            rrb.Spatial2DView(origin="world/top_camera", contents="$origin/**", name="Top camera"),
-        ]
+    robot = scenery.robot  # unknown in recorded logs, which may hold pictures of either camera
+    views = []
+    if robot is None or robot.camera:
+        views.append(rrb.Spatial2DView(origin="world/robot/camera", contents=seen, name="Camera"))
+    if robot is None or robot.top_camera:
+        views.append(rrb.Spatial2DView(origin="world/top_camera", contents="$origin/**", name="Top camera"))
     link = rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal)
     series = [
         rrb.TimeSeriesView(
@@ -116,7 +116,7 @@ def blueprint(scenery: Scenery, *, cameras: bool) -> rrb.Blueprint:
                 row_shares=[3, 1.2],
             ),
             rrb.Vertical(
-                rrb.Tabs(*views, active_tab=0),
+                rrb.Horizontal(spatial, rrb.Tabs(*views, active_tab=0)) if views else spatial,
                 rrb.Tabs(
                     rrb.Vertical(*series[:4], name="Motion"),
                     rrb.Vertical(series[4], rest, name="Motors and planner"),

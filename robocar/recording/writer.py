@@ -103,8 +103,7 @@ class RerunRecorder:
         self._open(scenery, live)
 
     def _open(self, scenery: Scenery, live: bool) -> None:
-        robot = scenery.robot
-        views = blueprint(scenery, cameras=robot is None or robot.camera or robot.top_camera)
+        views = blueprint(scenery)
         try:
             # Rerun waits for ever for a writer that failed at the first byte.
             if self._free_bytes() < ROOM:
