@@ -71,6 +71,7 @@ class _Motion:
     free: float = 0.0
     speed: float = 0.0
     resting: float = 0.0
+    started: bool = False
     corrections: int = 0
 
 
@@ -159,7 +160,7 @@ class Firmware:
         heading = None
         if self._has_compass and self._headings:
             heading = self._mean_heading() + (distance if turning else 0.0)
-        self._command = self._current = Twist()
+        self._command = Twist()
         self._hindered = 0.0
         self._motion = _Motion(turning, distance, heading)
         self._answers.append("OK")
@@ -227,12 +228,18 @@ class Firmware:
         if self._hindered > (p.bumped_time if bumped else p.blocked_time):
             self._end(f"ERR blocked after {abs(motion.free):.2f} {'rad' if motion.turning else 'm'}")
             return Twist()
+        if not motion.started and self._current != Twist():  # it still rolls from what it did before
+            return self._ramp(Twist())
+        motion.started = True
         acceleration = self._limits.acc_lim_theta if motion.turning else self._limits.acc_lim_x
         top = p.command_turn_rate if motion.turning else p.command_speed
         left = motion.distance - motion.done
         if left:
-            # As fast as still lets it brake to a stop at the end; the last step lands exactly.
-            speed = min(motion.speed + acceleration * p.period, top, math.sqrt(2.0 * acceleration * abs(left)))
+            # As fast as still lets it brake to a stop: steps of v, v - dv, v - 2 dv ... over a period each sum up to v^2 / 2a and
+            # half a step. The last one lands exactly.
+            dv = acceleration * p.period
+            braking = math.sqrt(0.25 * dv * dv + 2.0 * acceleration * abs(left)) - 0.5 * dv
+            speed = min(motion.speed + dv, top, braking)
             step = math.copysign(min(max(speed * p.period, 1e-5), abs(left)), left)
             motion.done = motion.distance if abs(step) >= abs(left) else motion.done + step
             motion.speed = speed
