@@ -1,9 +1,9 @@
 """Direct solution of e = P e + r by censoring a random walk, without a single subtraction.
 
-Eliminating a state means to watch the walk only while it is elsewhere: a step into the state becomes the step that leaves it at last. All
-numbers are probabilities; the pivot 1 - p_ii is the sum of the ways out (Grassmann, Taksar and Heyman 1985) and not a difference.
-The result is therefore accurate in every component *relatively*, however small it is (O'Cinneide 1993), which no
-norm-wise stable method promises.
+Eliminating a state means to watch the walk only while it is elsewhere: a step into the state becomes the step that leaves it
+at last. All numbers are probabilities; the pivot 1 - p_ii is the sum of the ways out (Grassmann, Taksar and Heyman 1985) and
+not a difference. The result is therefore accurate in every component *relatively*, however small it is (O'Cinneide 1993),
+which no norm-wise stable method promises.
 """
 
 from __future__ import annotations
@@ -49,7 +49,12 @@ class Elimination:
 
 
 def eliminate(
-    indptr: NDArray, indices: NDArray, probability: Array, goal: Array, loss: Array, order: NDArray[np.int32],
+    indptr: NDArray,
+    indices: NDArray,
+    probability: Array,
+    goal: Array,
+    loss: Array,
+    order: NDArray[np.int32],
     max_fill: int = 2**40,
 ) -> Elimination | None:
     """Factor a walk on a symmetric graph.
@@ -222,11 +227,11 @@ def _hitting(order, start, later, up, pivot, goal):
                 top = x[later[a]]
         if top == lowest:
             continue
-        total = math.ldexp(goal[k], -top) if top > -1000 else 0.0
+        total = math.ldexp(goal[k], -int(top)) if top > -1000 else 0.0
         for a in range(start[k], start[k + 1]):
             shift = x[later[a]] - top
             if shift > -1000:
-                total += up[a] * math.ldexp(m[later[a]], shift)
+                total += up[a] * math.ldexp(m[later[a]], int(shift))
         value = total / pivot[k]
 
         f, s = math.frexp(value)

@@ -1,11 +1,11 @@
 """Coarse levels of the multigrid solver: connected pieces of 2 x 2 blocks, and the walk between them.
 
-A level is a random walk e = P e + residual between nodes. Its weights are those of the walk *conditioned* on reaching the goal (Doob's
-h-transform): between cells i and j runs the conductance w_i w_j. In these weights the unknown is the relative error of w, which is of size
-one everywhere, and the solution e = 1 is known to every level, however fast w itself falls off.
+A level is a random walk e = P e + residual between nodes. Its weights are those of the walk *conditioned* on reaching the goal
+(Doob's h-transform): between cells i and j runs the conductance w_i w_j. In these weights the unknown is the relative error of
+w, which is of size one everywhere, and the solution e = 1 is known to every level, however fast w itself falls off.
 
-Two pieces of one block that a wall separates stay two nodes, so nothing ever leaks through a thin wall. Conductances between blocks count half:
-a piecewise constant correction makes links twice too stiff (Braess 1995).
+Two pieces of one block that a wall separates stay two nodes, so nothing ever leaks through a thin wall. Conductances between
+blocks count half: a piecewise constant correction makes links twice too stiff (Braess 1995).
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robocar.core import Array
+
 
 @dataclass(slots=True, eq=False)
 class Level:

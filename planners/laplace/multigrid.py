@@ -1,9 +1,9 @@
 """Multiplicative multigrid: w to a component-wise residual, in time proportional to the number of cells.
 
-Each cycle takes the relative residual (mean of the neighbours - w) / w to the coarse levels, multiplies w by one plus the relative error found there
-(a positive factor, so w stays positive), and smooths by two red-black Gauss-Seidel sweeps. The coarse levels are re-weighted with the
-current w until it settles, as in iterative aggregation and disaggregation (Horton and Leutenegger 1994).
-No step subtracts numbers of different magnitude, so the error is small relative to w in *every* cell.
+Each cycle takes the relative residual (mean of the neighbours - w) / w to the coarse levels, multiplies w by one plus the
+relative error found there (a positive factor, so w stays positive), and smooths by two red-black Gauss-Seidel sweeps. The
+coarse levels are re-weighted with the current w until it settles, as in iterative aggregation and disaggregation (Horton and
+Leutenegger 1994). No step subtracts numbers of different magnitude, so the error is small relative to w in *every* cell.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from planners.laplace.relaxation import (
     prolong,
     relative_residual,
     restrict,
+    smallest,
     smooth,
     spread,
     sweep,
@@ -99,13 +100,18 @@ class Multigrid:
         return field_
 
     def improve(self, w: Array, tolerance: float, max_cycles: int) -> Cycles:
-        """Bring the positive guess `w`, padded, to |mean of neighbours - w| / w <= tolerance in every cell, in place."""
+        """Bring the guess `w`, padded, to |mean of neighbours - w| / w <= tolerance in every cell, in place.
+
+        It gives up, with an infinite residual, where w leaves the range of doubles.
+        """
         residuals = []
         change = np.inf
         first = self.levels[0]
         inverse_degree = self.problem.inverse_degree
         for _ in range(max_cycles):
             if change > SETTLED:
+                if smallest(w, inverse_degree) <= SMALLEST:
+                    return Cycles(np.array([*residuals, np.inf]), False)
                 self._reweigh(w, conditioned=True)
             right, worst = gather_residual(w, inverse_degree, self.parent, self.share, first.blocks)
             residuals.append(worst)
@@ -126,7 +132,8 @@ class Multigrid:
 
     def _reweigh_from(self, k: int, w: Array, conditioned: bool) -> None:
         for fine, coarse in zip(self.levels[k:-1], self.levels[k + 1 :], strict=True):
-            # a wall beside a strip of 2^k cells lies (2^k + 1) / 2 from its middle: the conductance to it falls as the strip widens
+            # a wall beside a strip of 2^k cells lies (2^k + 1) / 2 from its middle: the conductance to it falls as the strip
+            # widens
             width = 2.0 ** (self.levels.index(fine) + 1)
             weigh(fine, coarse, w, conditioned, (width + 1.0) / (2.0 * width + 1.0))
             w = np.ones(coarse.size)

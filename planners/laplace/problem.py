@@ -1,9 +1,10 @@
 """Laplace's equation on the free cells of a grid, as the question where a random walk ends.
 
-A walker stands on a free cell and steps to one of the four neighbours with equal probability. `w` is the probability that it reaches
-the goal before a wall: 1 at the goal, 0 in walls, and the mean of the four neighbours in between. The paper's potential (Saudi and
-Sulaiman, eq. 2, walls high and goal low) is u = 1 - w. Floating-point numbers resolve w where u has long become 1: far from the goal w falls
-like exp(-pi length / width), and doubles keep the *relative* precision of small numbers, not of their distance from 1.
+A walker stands on a free cell and steps to one of the four neighbours with equal probability. `w` is the probability that it
+reaches the goal before a wall: 1 at the goal, 0 in walls, and the mean of the four neighbours in between. The paper's
+potential (Saudi and Sulaiman, eq. 2, walls high and goal low) is u = 1 - w. Floating-point numbers resolve w where u has long
+become 1: far from the goal w falls like exp(-pi length / width), and doubles keep the *relative* precision of small numbers,
+not of their distance from 1.
 """
 
 from __future__ import annotations
@@ -22,13 +23,14 @@ from robocar.core import Array, GoalOccupied, NoPathFound, OutsideMap, Parameter
 class LaplaceProblem:
     """Cells that take part, and what each of them asks for.
 
-    `(n_i + k_i) w_i = sum of w over the n_i free neighbours`, w = 1 at the goal. The loss k_i is the conductance of the walls beside the
-    cell plus `leak`. Walls with conductance 1 absorb (Dirichlet, the paper's), with 0 they reflect (Neumann; Karnik et al. 2002), in between
-    they do both (Robin). Only Neumann walls make w = 1 everywhere: `leak`, the rate at which walks die in the open, gives them a slope.
+    `(n_i + k_i) w_i = sum of w over the n_i free neighbours`, w = 1 at the goal. The loss k_i is the conductance of the walls
+    beside the cell plus `leak`. Walls with conductance 1 absorb (Dirichlet, the paper's), with 0 they reflect (Neumann; Karnik
+    et al. 2002), in between they do both (Robin). Only Neumann walls make w = 1 everywhere: `leak`, the rate at which walks
+    die in the open, gives them a slope.
 
     Args:
-        inverse_degree: 1 / (n_i + k_i) at free cells connected to the goal; 0 at walls, goal and cells cut off, (rows + 2, cols + 2).
-        goals: (k, 2) as (row, col).
+        inverse_degree: 1 / (n_i + k_i) at free cells connected to the goal; 0 at walls, goal and cells cut off, (rows + 2,
+        cols + 2). goals: (k, 2) as (row, col).
         plain: every wall absorbs fully and nothing leaks.
     """
 
@@ -69,7 +71,8 @@ def laplace_problem(
 ) -> LaplaceProblem:
     """Set up the equations for a map.
 
-    The border of the map is a wall, whether the map draws one or not (of the mean conductance where that varies from wall to wall).
+    The border of the map is a wall, whether the map draws one or not (of the mean conductance where that varies from wall to
+    wall).
 
     Args:
         blocked: cells that are walls, (rows, cols) bool.
@@ -92,7 +95,8 @@ def laplace_problem(
         raise ParameterError("wall_conductance goes from 0 (reflecting, Neumann) to 1 (absorbing, Dirichlet)")
     if conductance.ndim and conductance.shape != walls.shape:
         raise ParameterError(f"wall_conductance is one number or of the map's shape {walls.shape}, not {conductance.shape}")
-    _, labels = cv2.connectedComponents((~walls).astype(np.uint8), connectivity=4)
+    labels: NDArray[np.int32]
+    _, labels = cv2.connectedComponents((~walls).astype(np.uint8), connectivity=4)  # type: ignore[assignment]
     chosen = np.zeros(int(labels.max()) + 1, dtype=bool)
     chosen[labels[goals[:, 0], goals[:, 1]]] = True
     state = np.zeros((walls.shape[0] + 2, walls.shape[1] + 2), dtype=np.uint8)

@@ -266,3 +266,16 @@ def largest_residual(w, inverse_degree):
                 mean = inverse_degree[r, c] * (w[r - 1, c] + w[r + 1, c] + w[r, c - 1] + w[r, c + 1])
                 largest = max(largest, abs(mean - w[r, c]) / w[r, c])
     return largest
+
+
+@njit(cache=True)
+def smallest(w, inverse_degree):
+    """Smallest w of any unknown cell; nan or less than 0 count as 0."""
+    low = 1.0
+    for r in range(w.shape[0]):
+        for c in range(w.shape[1]):
+            if inverse_degree[r, c] > 0:
+                if not w[r, c] > 0.0:
+                    return 0.0
+                low = min(low, w[r, c])
+    return low

@@ -11,7 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from planners.laplace.elimination import eliminate
-from planners.laplace.multigrid import SMALLEST, Multigrid
+from planners.laplace.multigrid import Multigrid
 from planners.laplace.problem import LaplaceProblem
 from robocar.core import Array, BudgetExhausted, ParameterError
 
@@ -20,7 +20,7 @@ REACHABLE = 4e-15
 
 MAX_CYCLES = 60
 MAX_FILL = 200_000_000
-NARROW, NARROW_FILL = 8.0, 24
+NARROW, NARROW_FILL = 16.0, 24
 """Maps whose passages are on average this many cells wide are eliminated at once, while the factors have this many entries a cell."""
 
 Method = Literal["auto", "multigrid", "elimination"]
@@ -54,14 +54,14 @@ class Potential:
         """(rows, cols); 0 where w is below 1e-308."""
         if self.exponent is None:
             return self.mantissa[1:-1, 1:-1]
-        return np.ldexp(self.mantissa, self.exponent)[1:-1, 1:-1]
+        return np.asarray(np.ldexp(self.mantissa, self.exponent)[1:-1, 1:-1], dtype=float)
 
     @property
     def log2(self) -> Array:
         """log2 w, -inf at walls and cells that are cut off, (rows, cols)."""
         with np.errstate(divide="ignore"):
             values = np.log2(self.mantissa[1:-1, 1:-1])
-        return values if self.exponent is None else values + self.exponent[1:-1, 1:-1]
+        return values if self.exponent is None else np.where(values > -np.inf, values + self.exponent[1:-1, 1:-1], -np.inf)
 
 
 def solve(
@@ -100,7 +100,7 @@ def solve(
         w = _warm_field(problem, guess) if guess is not None else None
         if w is None:
             w = levels.first_guess()
-        if w is not None and smallest(w, problem.inverse_degree) > SMALLEST:
+        if w is not None:
             cycles = levels.improve(w, tolerance, MAX_CYCLES)
             if cycles.converged:
                 return Potential(problem, w, None, "multigrid", cycles.residuals)
@@ -159,27 +159,15 @@ def _adapt(w, inverse_degree, goals):
     return missing == 0
 
 
-@njit(cache=True)
-def smallest(w, inverse_degree):
-    """Smallest w of any unknown cell; nan or less than 0 count as 0."""
-    low = 1.0
-    for r in range(w.shape[0]):
-        for c in range(w.shape[1]):
-            if inverse_degree[r, c] > 0:
-                if not w[r, c] > 0.0:
-                    return 0.0
-                low = min(low, w[r, c])
-    return low
-
-
 # ---------------------------------------------------------------- elimination of cells
 
 
 def _solve_directly(problem: LaplaceProblem, max_fill: int) -> Potential | None:
     """Eliminate the cells from the farthest to the goal inwards.
 
-    In this order each cell is left for nearer ones, so every cell keeps a way and a positive w, whatever underflows elsewhere; and the
-    fill-in is the width of the front, a few cells in a maze. None where the factors would have more than `max_fill` entries.
+    In this order each cell is left for nearer ones, so every cell keeps a way and a positive w, whatever underflows elsewhere;
+    and the fill-in is the width of the front, a few cells in a maze. None where the factors would have more than `max_fill`
+    entries.
     """
     number, indptr, indices, probability, goal, loss = _cell_graph(problem.inverse_degree, problem.start_field())
     order = _far_to_near(number, problem.goals, len(goal))

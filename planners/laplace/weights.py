@@ -29,7 +29,21 @@ def weigh_first(
 
 @njit(cache=True)
 def _weigh_first(
-    begin_node, end_node, w, inverse_degree, parent, blocks, indptr, indices, probability, goal, loss, log_weight, share, conditioned, loss_scale
+    begin_node,
+    end_node,
+    w,
+    inverse_degree,
+    parent,
+    blocks,
+    indptr,
+    indices,
+    probability,
+    goal,
+    loss,
+    log_weight,
+    share,
+    conditioned,
+    loss_scale,
 ):
     for node in range(begin_node, end_node):
         r, c = 2 * blocks[node, 0] + 1, 2 * blocks[node, 1] + 1
@@ -93,8 +107,26 @@ def _weigh_first(
 
 
 @njit(cache=True)
-def _weigh_first_serial(w, inverse_degree, parent, blocks, indptr, indices, probability, goal, loss, log_weight, share, conditioned, loss_scale):
-    _weigh_first(0, len(blocks), w, inverse_degree, parent, blocks, indptr, indices, probability, goal, loss, log_weight, share, conditioned, loss_scale)
+def _weigh_first_serial(
+    w, inverse_degree, parent, blocks, indptr, indices, probability, goal, loss, log_weight, share, conditioned, loss_scale
+):
+    _weigh_first(
+        0,
+        len(blocks),
+        w,
+        inverse_degree,
+        parent,
+        blocks,
+        indptr,
+        indices,
+        probability,
+        goal,
+        loss,
+        log_weight,
+        share,
+        conditioned,
+        loss_scale,
+    )
 
 
 @njit(cache=True, parallel=True)
@@ -105,7 +137,8 @@ def _weigh_first_parallel(
     for k in prange(CHUNKS):
         _weigh_first(
             n * k // CHUNKS, n * (k + 1) // CHUNKS,
-            w, inverse_degree, parent, blocks, indptr, indices, probability, goal, loss, log_weight, share, conditioned, loss_scale,
+            w, inverse_degree, parent, blocks, indptr, indices, probability, goal, loss, log_weight, share, conditioned,
+            loss_scale,
         )  # fmt: skip
 
 
