@@ -9,7 +9,7 @@ import numpy as np
 
 from robocar.core.errors import ParameterError
 from robocar.core.footprint import Footprint
-from robocar.core.geometry import SE2, Array
+from robocar.core.geometry import SE2, Array, frozen_array
 from robocar.core.grid import OccupancyGrid
 
 P = TypeVar("P")
@@ -44,6 +44,9 @@ class RangeSensor:
     min_range: float
     max_range: float
     period: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "bearings", frozen_array(self.bearings))
 
 
 @dataclass(frozen=True, slots=True)

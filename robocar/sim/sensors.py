@@ -14,6 +14,7 @@ from typing import Generic, TypeVar
 
 import mujoco
 import numpy as np
+from numba import njit
 
 from robocar.core import SE2, Array, RangeSensor, Reading, Scan, wrap_angle
 
@@ -160,47 +161,77 @@ class Channel(Generic[T]):
         return newest
 
 
+@njit(cache=True)
+def _first_echo(distances: Array, directions: Array, normals: Array, reach: float, min_cosine: float) -> float:
+    """Smallest distance in reach among the rays whose angle of incidence has at least this cosine; inf if there is none."""
+    first = math.inf
+    for i in range(len(distances)):
+        distance = distances[i]
+        if 0.0 <= distance <= reach and distance < first:
+            cosine = abs(
+                directions[i, 0] * normals[i, 0] + directions[i, 1] * normals[i, 1] + directions[i, 2] * normals[i, 2]
+            )
+            if cosine >= min_cosine:
+                first = distance
+    return first
+
+
 class RayFan:
     """Rays from a point fixed to the car, cast into the world's surfaces."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, origin: Array, directions: Array, reach: float) -> None:
         """`origin` (3,) and unit `directions` (n, 3) in the frame of the car's base."""
         self._model, self._data = model, data
-        self._origin, self._directions = origin, directions
+        self._origin = np.asarray(origin, dtype=float)
+        self._directions = np.ascontiguousarray(directions, dtype=float)
         self._reach = reach
         count = len(directions)
+        self._turned = np.empty((count, 3))
         self._distances = np.empty(count)
         self._geoms = np.empty(count, dtype=np.int32)
-        self._normals = np.empty(3 * count)
+        self._normals = np.empty((count, 3))
+        self._flat = self._turned.ravel(), self._normals.ravel()  # views
+        _first_echo(np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)), 1.0, 0.0)  # compiled here, not in the control loop
 
-    def cast(self, position: Array, rotation: Array) -> tuple[Array, Array]:
-        """Distances (n,) [m], inf where nothing is in reach, and |cosine| of the angle of incidence (n,).
-
-        Args:
-            position, rotation: world_from_base, (3,) [m] and (3, 3).
-        """
-        directions = self._directions @ rotation.T
+    def _cast(self, position: Array, rotation: Array) -> None:
+        np.dot(self._directions, rotation.T, out=self._turned)
+        directions, normals = self._flat
         mujoco.mj_multiRay(
             self._model,
             self._data,
             position + rotation @ self._origin,
-            directions.ravel(),
+            directions,
             SEEN_BY_RAYS,
             True,
             -1,
             self._geoms,
             self._distances,
-            self._normals,
-            len(directions),
+            normals,
+            len(self._distances),
             self._reach,
         )
-        distances = np.where((self._distances < 0) | (self._distances > self._reach), np.inf, self._distances)
-        cosines = np.abs(np.einsum("ij,ij->i", directions, self._normals.reshape(-1, 3)))
-        return distances, cosines
+
+    def cast(self, position: Array, rotation: Array) -> Array:
+        """Distances (n,) [m], inf where nothing is in reach.
+
+        Args:
+            position, rotation: world_from_base, (3,) [m] and (3, 3).
+        """
+        self._cast(position, rotation)
+        return np.where((self._distances < 0) | (self._distances > self._reach), np.inf, self._distances)
+
+    def first_echo(self, position: Array, rotation: Array, min_cosine: float) -> float:
+        """The nearest surface that is not seen at too grazing an angle [m], inf if there is none.
+
+        Args:
+            min_cosine: of the angle of incidence, measured from the surface's normal.
+        """
+        self._cast(position, rotation)
+        return float(_first_echo(self._distances, self._turned, self._normals, self._reach, min_cosine))
 
 
 def cone_rays(beam_width: float) -> Array:
-    """Unit vectors (n, 3) that fill a cone around x, about 1 degree apart sideways and 5 up and down.
+    """Unit vectors (n, 3) that fill a cone around x, about 2 degrees apart sideways and 4 up and down.
 
     Walls stand upright, so what a cone hears first is a matter of its width; a few rays above and below see low boxes.
     """
@@ -208,7 +239,7 @@ def cone_rays(beam_width: float) -> Array:
     rays = []
     for elevation in np.linspace(-half, half, 5)[1:-1]:
         reach = math.sqrt(half**2 - elevation**2)
-        for azimuth in np.linspace(-reach, reach, 2 * math.ceil(math.degrees(reach) / 1.1) + 1):
+        for azimuth in np.linspace(-reach, reach, 2 * math.ceil(math.degrees(reach) / 1.9) + 1):
             rays.append(
                 (
                     math.cos(elevation) * math.cos(azimuth),
@@ -254,8 +285,7 @@ class Sonar:
 
     def read(self, time: float, pose: BasePose) -> Scan:
         p = self._parameters
-        distances, cosines = self._fan.cast(pose.position, pose.rotation)
-        first = float(distances[cosines >= self._min_cosine].min(initial=math.inf))
+        first = self._fan.first_echo(pose.position, pose.rotation, self._min_cosine)
         # The same draws whatever was heard, so that one echo more does not change the noise of all later ones.
         noise, lost = self._rng.standard_normal(), self._rng.random()
         if math.isfinite(first):
@@ -294,7 +324,7 @@ class Lidar:
 
     def read(self, time: float, pose: BasePose) -> Scan:
         p, sensor = self._parameters, self._sensor
-        ranges, _ = self._fan.cast(pose.position, pose.rotation)
+        ranges = self._fan.cast(pose.position, pose.rotation)
         ranges = ranges + self._rng.normal(0.0, p.range_std, len(ranges))
         ranges = np.where(ranges > sensor.max_range, np.inf, np.maximum(ranges, sensor.min_range))
         ranges[self._rng.random(len(ranges)) < p.dropout] = np.nan
@@ -312,7 +342,7 @@ class Psd:
 
     def read(self, time: float, pose: BasePose) -> Reading[float]:
         p = self._parameters
-        distance = float(self._fan.cast(pose.position, pose.rotation)[0][0])
+        distance = self._fan.first_echo(pose.position, pose.rotation, 0.0)
         noisy = distance * (1.0 + p.relative_std * self._rng.standard_normal())
         return Reading(time, noisy if p.min_range <= noisy <= p.max_range else math.nan)
 

@@ -101,21 +101,20 @@ class Simulation:
         world.attach(car.car_spec(fit_out), prefix=car.PREFIX, frame=frame)
         self.model = world.compile()
         self.data = mujoco.MjData(self.model)
+        # Views of the state: each look-up of an attribute of `data` costs as much as the number behind it.
+        self._qpos, self._qvel, self._ctrl = self.data.qpos, self.data.qvel, self.data.ctrl
         self._draw_tolerances(physics)
         self.robot: Robot = car.describe(fit_out, sensors, self.model)
 
         base = self.model.joint(car.PREFIX + "base")
         self._base_qpos, self._base_qvel = int(base.qposadr[0]), int(base.dofadr[0])
         wheels = [self.model.joint(f"{car.PREFIX}{name}_wheel") for name in _WHEELS]
-        self._wheel_dofs = np.array([int(w.dofadr[0]) for w in wheels])
+        self._wheel_dofs = [int(w.dofadr[0]) for w in wheels]
         self._encoder_qpos = int(wheels[1].qposadr[0]), int(wheels[3].qposadr[0])
         self._encoder_zero = self._encoder_angles()
         motor = self.model.actuator(f"{car.PREFIX}front_left_motor")
         self._volts_per_speed, self._ohms = _motor_constants(self.model, motor.id)
-        self._channels = {
-            side: [self.model.actuator(f"{car.PREFIX}{end}_{side}_motor").id for end in ("front", "rear")]
-            for side in ("left", "right")
-        }
+        self._motors = [self.model.actuator(f"{car.PREFIX}{name}_motor").id for name in _WHEELS]
         self._pan = self.model.actuator(car.PREFIX + "pan").id if fit_out.camera else None
         self._hull = self.model.geom(car.PREFIX + "hull").id
         self._warnings = self.data.warning.number  # a view: looking names up is slow
@@ -138,7 +137,7 @@ class Simulation:
         self._hash = hashlib.sha256()
         mujoco.mj_forward(self.model, self.data)
         self._settle()
-        self._pose = base_pose(self._base())
+        self._posed, self._pose = -1.0, base_pose(self._base())
         self._cameras: list[OffscreenCamera] = []
         self._build_sensors(fit_out, sensors)
 
@@ -147,7 +146,7 @@ class Simulation:
     def sense(self) -> Observation:
         """What is new at this tick."""
         time = self.data.time
-        self._pose = base_pose(self._base())
+        self._look()
         new = {name: channel.poll(time) for name, channel in self._single.items()}
         compass = new.get("compass")
         if compass is not None:
@@ -172,8 +171,7 @@ class Simulation:
         near = bool(self._movers) or self.clearance() < _CONTACT_CHECK_DISTANCE
         for _ in range(self._firmware_steps):
             self._voltages = self._limit_currents(self.firmware.step(*self._counts()))
-            for side, voltage in zip(("left", "right"), self._voltages, strict=True):
-                self.data.ctrl[self._channels[side]] = voltage
+            self._apply(self._voltages)
             for mover in self._movers:
                 mover.drive(self.data)
             mujoco.mj_step(self.model, self.data, self._physics_steps)
@@ -183,7 +181,7 @@ class Simulation:
 
     def ground_truth(self) -> GroundTruth:
         """What only metrics and pictures may know."""
-        pose = planar(base_pose(self._base()))
+        pose = planar(self._look())
         v_world = self.data.qvel[self._base_qvel : self._base_qvel + 2]
         forward = math.cos(pose.theta) * v_world[0] + math.sin(pose.theta) * v_world[1]
         return GroundTruth(
@@ -215,16 +213,17 @@ class Simulation:
 
     def diverged(self) -> str | None:
         """Why the physics can no longer be believed, or None."""
-        if not np.all(np.isfinite(self.data.qpos)):
+        if not math.isfinite(self._qpos.sum()):
             return "the state is not finite"
-        raised = self._warnings.nonzero()[0]
-        return f"MuJoCo warns: {', '.join(mujoco.mjtWarning(i).name for i in raised)}" if len(raised) else None
+        if self._warnings.any():
+            return f"MuJoCo warns: {', '.join(mujoco.mjtWarning(i).name for i in self._warnings.nonzero()[0])}"
+        return None
 
     def clearance(self) -> float:
         """Distance from the footprint to the nearest obstacle or mover [m]; 0 where nobody said how to measure it."""
         if self._cleared != self.data.time:  # asked for by the truth and by the next step
             self._cleared = self.data.time
-            corners = self.robot.footprint.at(planar(base_pose(self._base())))
+            corners = self.robot.footprint.at(planar(self._look()))
             self._room = self._clearance(corners) if self._clearance is not None else 0.0
             for mover in self._movers:
                 self._room = min(self._room, mover.distance(self.data, corners))
@@ -237,7 +236,7 @@ class Simulation:
         self.data.qpos[start + 3 : start + 7] = _quaternion(pose.theta)
         self.data.qvel[self._base_qvel : self._base_qvel + 6] = 0.0
         self.data.qvel[self._wheel_dofs] = 0.0
-        self._cleared = -1.0
+        self._cleared = self._posed = -1.0
         mujoco.mj_forward(self.model, self.data)
 
     def close(self) -> None:
@@ -246,14 +245,20 @@ class Simulation:
             camera.close()
         self._cameras.clear()
 
+    def _look(self) -> BasePose:
+        """The car's pose of this instant, computed once."""
+        if self._posed != self.data.time:
+            self._posed, self._pose = self.data.time, base_pose(self._base())
+        return self._pose
+
     # -- parts ---------------------------------------------------------------------------------------------------------
 
     def _base(self) -> Array:
-        return self.data.qpos[self._base_qpos : self._base_qpos + 7]
+        return self._qpos[self._base_qpos : self._base_qpos + 7]
 
     def _encoder_angles(self) -> tuple[float, float]:
         left, right = self._encoder_qpos
-        return float(self.data.qpos[left]), float(self.data.qpos[right])
+        return float(self._qpos[left]), float(self._qpos[right])
 
     def _counts(self) -> tuple[int, int]:
         """Whole pulses since the start."""
@@ -265,13 +270,22 @@ class Simulation:
 
     def _limit_currents(self, voltages: tuple[float, float]) -> tuple[float, float]:
         """L298P: the current of a channel, twice (V - back-EMF) / R, stays within its limit."""
-        speeds = self.data.qvel[self._wheel_dofs]
+        front_left, rear_left, front_right, rear_right = (float(self._qvel[dof]) for dof in self._wheel_dofs)
+        left, right = voltages
+        return self._limit(left, 0.5 * (front_left + rear_left)), self._limit(right, 0.5 * (front_right + rear_right))
+
+    def _limit(self, voltage: float, speed: float) -> float:
+        """The voltage [V] nearest to the asked one that the channel can give at this wheel speed [rad/s]."""
+        emf = self._volts_per_speed * speed
         headroom = 0.5 * car.CHANNEL_CURRENT * self._ohms
-        limited = []
-        for voltage, speed in zip(voltages, (0.5 * (speeds[0] + speeds[1]), 0.5 * (speeds[2] + speeds[3])), strict=True):
-            emf = self._volts_per_speed * float(speed)
-            limited.append(min(max(voltage, emf - headroom, -car.SUPPLY), emf + headroom, car.SUPPLY))
-        return limited[0], limited[1]
+        return min(max(voltage, emf - headroom, -car.SUPPLY), emf + headroom, car.SUPPLY)
+
+    def _apply(self, voltages: tuple[float, float]) -> None:
+        """Both motors of a side hang on one channel."""
+        front_left, rear_left, front_right, rear_right = self._motors
+        ctrl = self._ctrl
+        ctrl[front_left] = ctrl[rear_left] = voltages[0]
+        ctrl[front_right] = ctrl[rear_right] = voltages[1]
 
     def _touching(self) -> bool:
         """Whether the hull touches anything."""
@@ -346,7 +360,7 @@ class Simulation:
 
     def _update_hash(self) -> None:
         self._hash.update(np.float64(self.data.time).tobytes())
-        for values in (self.data.qpos, self.data.qvel, self.data.ctrl):
+        for values in (self._qpos, self._qvel, self._ctrl):
             self._hash.update(values.tobytes())
 
 
