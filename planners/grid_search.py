@@ -60,25 +60,32 @@ def endpoints(costmap: Costmap, start: ArrayLike, goal: ArrayLike) -> tuple[tupl
         OutsideMap: one of them is no point of the map.
         StartOccupied, GoalOccupied: the robot does not fit there; the message says why and where the nearest free cell is.
     """
-    return _free_cell(costmap, start, "start", StartOccupied), _free_cell(costmap, goal, "goal", GoalOccupied)
+    (x0, y0), (x1, y1) = _two_numbers(start, "start"), _two_numbers(goal, "goal")
+    (r0, c0), (r1, c1) = costmap.cell_from_world(np.array([[x0, y0], [x1, y1]])).tolist()
+    _check_free(costmap, (r0, c0), (x0, y0), "start", StartOccupied)
+    _check_free(costmap, (r1, c1), (x1, y1), "goal", GoalOccupied)
+    return (r0, c0), (r1, c1)
 
 
-def _free_cell(costmap: Costmap, point: ArrayLike, what: str, error: type[PlanningError]) -> tuple[int, int]:
-    x, y = _two_numbers(point, what)
-    cell = costmap.cell_inside((x, y), what)
+def _check_free(
+    costmap: Costmap, cell: tuple[int, int], point: tuple[float, float], what: str, error: type[PlanningError]
+) -> None:
+    rows, cols = costmap.shape
+    if not (0 <= cell[0] < rows and 0 <= cell[1] < cols):
+        costmap.cell_inside(point, what)  # raises OutsideMap
     cost = int(costmap.data[cell])
     if cost < INSCRIBED:
-        return cell
+        return
     reason = {
         INSCRIBED: "an obstacle is nearer than the robot's inscribed radius",
         LETHAL: "it lies in an obstacle",
         NO_INFORMATION: "it lies in unknown space",
     }[cost]
-    nearest = nearest_free(costmap, (x, y))
+    nearest = nearest_free(costmap, point)
     advice = "no cell of the map is free"
     if nearest is not None:
-        advice = f"the nearest free cell is at ({nearest[0]:.3f}, {nearest[1]:.3f}), {math.dist((x, y), nearest):.3f} m away"
-    raise error(f"the robot does not fit at the {what} ({x:.3f}, {y:.3f}): {reason} (cost {cost}); {advice}")
+        advice = f"the nearest free cell is at ({nearest[0]:.3f}, {nearest[1]:.3f}), {math.dist(point, nearest):.3f} m away"
+    raise error(f"the robot does not fit at the {what} ({point[0]:.3f}, {point[1]:.3f}): {reason} (cost {cost}); {advice}")
 
 
 def _two_numbers(point: ArrayLike, what: str) -> tuple[float, float]:
@@ -117,8 +124,11 @@ def path_through(costmap: Costmap, cells: NDArray, start: ArrayLike, goal: Array
     Args:
         cells: (n, 2) as (row, col), neighbours in sequence, from the start's to the goal's.
     """
-    inner = costmap.world_from_cell(cells[1:-1]).reshape(-1, 2)
-    return Path(np.concatenate([[np.asarray(start, dtype=float)], inner, [np.asarray(goal, dtype=float)]]))
+    points = np.empty((max(2, len(cells)), 2))
+    points[1:-1] = costmap.world_from_cell(cells[1:-1])
+    points[0], points[-1] = start, goal
+    points.flags.writeable = False  # so that the path need not copy it
+    return Path(points)
 
 
 class LazyTrace(Mapping[str, Drawable]):
