@@ -65,10 +65,14 @@ def _run(
     if is_map(scenario):
         source = map_scenario(scenario, resolution, start, goal)
         estimator = estimator or "truth"
-    else:
-        for option, value in (("resolution", resolution), ("start", start), ("goal", goal)):
-            if value is not None:
+    for option, value in (("resolution", resolution), ("start", start), ("goal", goal)):
+        if value is not None:
+            if source is not scenario:
+                settings.setdefault(option, source[option])  # so that every start and goal has its run directory
+            else:
                 _fail(f"--{option} goes with a map file; in a scenario use --set {option}=…")
+    if any(":" in name for name in (navigator, estimator, mapper) if name):
+        sys.path.append(str(Path.cwd()))  # a planner's module may lie where the command is typed
     with progress_bar() as progress:
         result = run(
             source,
@@ -163,7 +167,7 @@ def _check(files: tyro.conf.Positional[tuple[Path, ...]], /, resolution: float |
             if debug:
                 raise
             bad += 1
-            sys.stderr.write(f"error: {error}\n")
+            sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
     return 2 if bad else 0
 
 
@@ -264,7 +268,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
 
 
 def _fail(message: str) -> NoReturn:
-    sys.stderr.write(f"error: {message}\n")
+    sys.stderr.write(f"error: {' '.join(message.split())}\n")
     sys.exit(2)
 
 

@@ -6,9 +6,13 @@ Ground truth reaches the recorder and the judge only.
 from __future__ import annotations
 
 import math
+import signal
+import threading
 import time as wall
 import traceback
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import Protocol
 
 from robocar.core import (
@@ -25,10 +29,13 @@ from robocar.core import (
     Mapper,
     Navigator,
     Observation,
+    OutputError,
     Scalar,
     Serial,
+    Twist,
     wrap_angle,
 )
+from robocar.core.trace import Drawable
 from robocar.core.truth import GroundTruth
 from robocar.recording import Recorder
 
@@ -96,8 +103,8 @@ class Tick:
 class Episode:
     """A run in progress and, when it is over, its outcome.
 
-    `status` is one of success, collision, timeout, stuck, no_path, missed (the car believes to have arrived, and has not), diverged,
-    error, interrupted.
+    `status` is one of success, collision, timeout, stuck, no_path, missed (the car believes to have arrived, and has not),
+    diverged, error, interrupted.
     """
 
     rules: Rules
@@ -111,6 +118,8 @@ class Episode:
     _anchor: SE2 | None = None
     _anchor_time: float = 0.0
     _kidnapped: int = 0
+    _standing: bool = True
+    _driven: bool = False
 
     @property
     def done(self) -> bool:
@@ -162,6 +171,20 @@ class Episode:
             self._anchor, self._anchor_time = truth.pose, truth.time
         return truth.time - self._anchor_time <= rules.movement_time
 
+    def stands(self, car: Car, command: Command, truth: GroundTruth) -> bool:
+        """Whether the car has stood still since it came to rest; `command` is the last one that was executed.
+
+        A wall that stops a car which is told to drive does not make it stand, nor does a mover that pushes a standing car make
+        it drive.
+        """
+        if isinstance(command, Drive):
+            self._driven = command.twist != Twist()
+        elif isinstance(command, Serial):
+            self._driven = False
+        at_rest = abs(truth.twist.v) < 0.005 and abs(truth.twist.omega) < 0.02  # no faster than creep
+        self._standing = not self._driven and not car.busy and (self._standing or at_rest)
+        return self._standing
+
     def play_events(self, car: Car, time: float) -> None:
         """What happens between two ticks, unseen by the estimators."""
         self.carried = False
@@ -183,10 +206,15 @@ def navigate(
     rules: Rules,
     progress: Progress | None = None,
 ) -> Episode:
-    """Runs until the episode is over. Errors of the parts end the episode, not the process; so does Ctrl-C."""
+    """Runs until the episode is over. Errors of the parts end the episode, not the process; so does Ctrl-C.
+
+    Raises:
+        OutputError: the recording cannot be written.
+    """
     episode = Episode(rules, goal)
     try:
-        _loop(car, estimator, mapper, navigator, recorder, odometry, goal, episode, progress)
+        with _Interrupt() as interrupt:
+            _loop(car, estimator, mapper, navigator, recorder, odometry, goal, episode, progress, interrupt)
     except KeyboardInterrupt:
         episode.end("interrupted", "stopped by the user")
     return episode
@@ -202,25 +230,30 @@ def _loop(
     goal: Goal | None,
     episode: Episode,
     progress: Progress | None,
+    interrupt: _Interrupt,
 ) -> None:
     command: Command = STOP
     while not episode.done:
         observation = car.sense()
         truth = car.ground_truth()
         dead_reckoning = odometry.update(observation, command)
+        standing = episode.stands(car, command, truth)
         try:
-            belief = estimator.update(observation, command)
+            belief = checked_belief(estimator.update(observation, command))
             mapper.update(belief, observation)
             started = wall.perf_counter()
             command = checked(navigator.command(belief, mapper, observation, goal))
             planning_time = wall.perf_counter() - started
-        except Exception as error:
+            recorder.log(observation, belief, mapper, command, truth, odometry=dead_reckoning.pose, planning_time=planning_time)
+        except OutputError:
+            raise
+        except (Exception, SystemExit) as error:  # also a mapper's grid or a trace that cannot be drawn
             episode.end("error", f"{type(error).__name__}: {error}")
             episode.traceback = traceback.format_exc()
             return
-        tick = Tick(truth, belief, dead_reckoning.pose, _standing(truth), planning_time, episode.carried)
-        recorder.log(observation, belief, mapper, command, truth, odometry=dead_reckoning.pose, planning_time=planning_time)
-        episode.judge(car, tick, command)
+        episode.judge(car, Tick(truth, belief, dead_reckoning.pose, standing, planning_time, episode.carried), command)
+        if interrupt.asked:
+            episode.end("interrupted", "stopped by the user")
         if not episode.done:
             episode.play_events(car, truth.time)
             car.act(command)
@@ -232,6 +265,33 @@ class Progress(Protocol):
     """Told after every tick how far the run has got [s]."""
 
     def __call__(self, time: float, time_limit: float) -> None: ...
+
+
+class _Interrupt:
+    """Ctrl-C ends the run after the tick that it falls into, so that log and recording stay whole; the second one breaks off."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        self._ours = False
+
+    def __enter__(self) -> _Interrupt:
+        # Only where Ctrl-C would raise KeyboardInterrupt here: a caller's own handler keeps its say.
+        if (
+            threading.current_thread() is threading.main_thread()
+            and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        ):
+            signal.signal(signal.SIGINT, self._ask)
+            self._ours = True
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._ours:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def _ask(self, *_: object) -> None:
+        if self.asked:
+            raise KeyboardInterrupt
+        self.asked = True
 
 
 def checked(command: object) -> Command:
@@ -247,9 +307,30 @@ def checked(command: object) -> Command:
         numbers += [command.twist.v, command.twist.omega]
     if not all(math.isfinite(number) for number in numbers):
         raise ValueError(f"the navigator commanded a number that is not finite: {command}")
+    text = command.line if isinstance(command, Serial) else getattr(command, "reason", "")
+    if not isinstance(text, str):
+        raise TypeError(f"the navigator must give a text, not {type(text).__name__}: {command}")
+    _check_trace(command.trace, "navigator")
     return command
 
 
-def _standing(truth: GroundTruth) -> bool:
-    """The car stands still when neither moves faster than creep."""
-    return abs(truth.twist.v) < 0.005 and abs(truth.twist.omega) < 0.02
+def checked_belief(belief: object) -> Belief:
+    """The belief, if it is one.
+
+    Raises:
+        TypeError: it is not.
+    """
+    if not (isinstance(belief, Belief) and isinstance(belief.pose, SE2)):
+        raise TypeError(f"the estimator must return a belief, not {type(belief).__name__}")
+    _check_trace(belief.trace, "estimator")
+    return belief
+
+
+def _check_trace(trace: object, what: str) -> None:
+    if not isinstance(trace, Mapping):
+        raise TypeError(f"the {what}'s trace must be a mapping of names to drawables, not {type(trace).__name__}")
+    for name, item in trace.items():
+        if not (isinstance(name, str) and isinstance(item, Drawable)):
+            raise TypeError(f"the {what}'s trace must be a mapping of names to drawables; {name!r} is {type(item).__name__}")
+        if isinstance(item, Scalar) and not isinstance(item.value, Real):
+            raise TypeError(f"the {what}'s trace must hold numbers as scalars; {name!r} is {item.value!r}")

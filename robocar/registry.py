@@ -1,7 +1,7 @@
 """The names of navigators, estimators and mappers, and how to build them.
 
-Adding one means writing its file and adding its line here. Packages of others register theirs in the entry-point group `robocar.planners`
-(`name = "package.module:factory"`), and the command line also takes `package.module:factory` itself.
+Adding one means writing its file and adding its line here. Packages of others register theirs in the entry-point group
+`robocar.planners` (`name = "package.module:factory"`), and the command line also takes `package.module:factory` itself.
 """
 
 from __future__ import annotations
@@ -9,11 +9,12 @@ from __future__ import annotations
 import difflib
 import importlib
 import importlib.metadata
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
+from types import ModuleType
 from typing import Any, Literal
 
-from robocar.core import Context, ParameterError, UnknownNameError
+from robocar.core import Context, ParameterError, RobocarError, UnknownNameError
 
 Kind = Literal["navigator", "estimator", "mapper"]
 
@@ -85,6 +86,7 @@ MAPPERS: dict[str, Entry] = {
     "none": Entry("robocar.estimation.no_mapper:build", "draws no map"),
 }
 
+_BY_PATH = "given as package.module:factory"
 _TABLES: dict[Kind, dict[str, Entry]] = {"navigator": NAVIGATORS, "estimator": ESTIMATORS, "mapper": MAPPERS}
 
 
@@ -108,7 +110,7 @@ def find(kind: Kind, name: str) -> Entry:
         return table[name]
     if ":" in name:
         _load(name, f"{kind} {name!r}")
-        return Entry(name, "given on the command line")
+        return Entry(name, _BY_PATH)
     raise UnknownNameError(f"unknown {kind} {name!r}{did_you_mean(name, table)}; known: {', '.join(sorted(table))}")
 
 
@@ -123,14 +125,24 @@ def build(kind: Kind, name: str, context: Context) -> Any:
 
     Raises:
         UnknownNameError: see `find`.
-        ParameterError: the context's parameters hold a name that none of the algorithm's dataclasses has, or a bad value.
+        ParameterError: the context's parameters hold a name that none of the algorithm's dataclasses has, or a bad value; or
+            somebody else's factory failed.
     """
     entry = find(kind, name)
     known = parameters(entry)
-    if known or not entry.factory.startswith("given"):
+    ours = name in _TABLES[kind]
+    if known or ours:  # a third party's factory without a dataclass of parameters looks at them itself
         _refuse_unknown(kind, name, context.parameters, known)
     what = f"{kind} {name!r}"
-    return _load(entry.factory, what)(context, *(_load(part, what) for part in entry.parts))
+    factory, parts = _load(entry.factory, what), [_load(part, what) for part in entry.parts]
+    try:
+        return factory(context, *parts)
+    except RobocarError:
+        raise
+    except Exception as error:
+        if ours:
+            raise
+        raise ParameterError(f"{what} cannot be built: {type(error).__name__}: {error}") from error
 
 
 def parameters(entry: Entry) -> dict[str, Any]:
@@ -141,8 +153,7 @@ def parameters(entry: Entry) -> dict[str, Any]:
             found[field.name] = field.default
     if not entry.parameters and ":" in entry.factory:
         # A third party's module: its dataclass `Parameters`, if it follows the convention.
-        module = importlib.import_module(entry.factory.partition(":")[0])
-        cls = getattr(module, "Parameters", None)
+        cls = getattr(_import(entry.factory.partition(":")[0], entry.factory), "Parameters", None)
         if cls is not None and hasattr(cls, "__dataclass_fields__"):
             found.update({field.name: field.default for field in fields(cls)})
     return found
@@ -155,11 +166,18 @@ def _refuse_unknown(kind: Kind, name: str, given: Mapping[str, Any], known: Mapp
             raise ParameterError(f"{kind} {name!r} has no parameter {key!r}{did_you_mean(key, known)}; it has: {valid}")
 
 
-def _load(path: str, what: str) -> Callable[..., Any]:
+def _load(path: str, what: str) -> Any:
     module, _, attribute = path.partition(":")
+    found = getattr(_import(module, what), attribute, None)
+    if not callable(found):
+        raise UnknownNameError(f"{what}: {module!r} has no function or class {attribute!r}")
+    return found
+
+
+def _import(module: str, what: str) -> ModuleType:
     try:
-        return getattr(importlib.import_module(module), attribute)
+        return importlib.import_module(module)
     except ModuleNotFoundError as error:
         raise UnknownNameError(f"{what}: there is no module {error.name!r}") from error
-    except (AttributeError, ValueError) as error:
-        raise UnknownNameError(f"{what}: {module!r} has no {attribute!r}") from error
+    except Exception as error:  # whatever the module does while it is imported
+        raise UnknownNameError(f"{what}: {module!r} cannot be imported: {type(error).__name__}: {error}") from error

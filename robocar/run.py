@@ -323,8 +323,8 @@ def _result(
 class RunDirectory:
     """The files of one run: written beside their place and renamed when complete, so a broken run never looks whole.
 
-    `path` is where to write; a run that ends by an exception leaves nothing but what `path` then holds (a recording, say), under a name
-    that starts with a dot and ends with `.partial`.
+    `path` is where to write; a run that ends by an exception leaves nothing but what `path` then holds (a recording, say), under
+    a name that starts with a dot and ends with `.partial`.
     """
 
     def __init__(
@@ -344,20 +344,22 @@ class RunDirectory:
         self.final = Path(out) / self.name
         self.path = Path(out) / f".{self.name}.{os.getpid()}.partial"
         self._force = force
+        plain = json.loads(json.dumps(dict(settings), default=str))  # whatever Python was handed, YAML can hold
         self._config = {
             "scenario": scenario.model_dump(mode="json"),
             **dict(chosen),
             "seed": seed,
-            "settings": dict(settings),
+            "settings": plain,
             "versions": versions(),
             "fingerprint": fingerprint(),
         }
 
     def __enter__(self) -> RunDirectory:
-        if self.final.exists() and not self._force:
-            raise OutputError(f"{self.final}: this run exists already; --force replaces it")
         try:
-            self.path.mkdir(parents=True, exist_ok=True)
+            if self.final.exists() and not self._force:
+                raise OutputError(f"{self.final}: this run exists already; --force replaces it")
+            shutil.rmtree(self.path, ignore_errors=True)  # of a killed process that had our number
+            self.path.mkdir(parents=True)
             (self.path / "config.yaml").write_text(yaml.safe_dump(self._config, sort_keys=False))
         except OSError as error:
             raise OutputError(f"{self.final.parent}: cannot write a run here: {error.strerror or error}") from error
@@ -370,8 +372,12 @@ class RunDirectory:
             raise OutputError(f"{self.path}: cannot write: {error.strerror or error}") from error
 
     def complete(self) -> Path:
-        """Everything is written: give the directory its name."""
-        if self.final.exists():
+        """Everything is written: give the directory its name.
+
+        Raises:
+            OSError: another process has finished the same run meanwhile, and nobody asked to replace it.
+        """
+        if self._force and self.final.exists():
             old = self.final.with_name(f".{self.name}.{os.getpid()}.replaced")
             os.rename(self.final, old)
             os.rename(self.path, self.final)

@@ -157,6 +157,13 @@ class DefaultsModel(_Model):
     estimator: str = "odometry"
     mapper: str = "none"
 
+    @field_validator("navigator", "estimator", "mapper")
+    @classmethod
+    def _registered(cls, name: str) -> str:
+        if ":" in name:
+            raise ValueError(f"a scenario runs no code: {name!r} may only be given on the command line; name a registered one")
+        return name
+
 
 class Scenario(_Model):
     """One scenario, as in its YAML file."""
@@ -238,11 +245,11 @@ def find_scenario(name: str) -> Path:
     Raises:
         ScenarioError: there is none; the message lists what there is.
     """
-    if name.endswith((".yaml", ".yml")) or "/" in name:
+    if Path(name).suffix or "/" in name:
         path = Path(name).expanduser()
         if path.is_file():
             return path
-        raise ScenarioError(f"{name}: no such scenario file")
+        raise ScenarioError(f"{name}: no such file")
     path = MODELS / "scenarios" / f"{name}.yaml"
     if path.is_file():
         return path
@@ -288,6 +295,8 @@ def _read_yaml(path: Path) -> dict[str, Any]:
 def _put(content: dict[str, Any], key: str, value: Any) -> None:
     """Sets a dotted key in nested mappings; that it exists is checked when the result is validated."""
     *parents, last = key.split(".")
+    if "folder" in (*parents, last)[:1]:  # no key of the file
+        raise ScenarioError("unknown key 'folder'")
     for parent in parents:
         inner = content.get(parent)
         content[parent] = inner = dict(inner) if isinstance(inner, Mapping) else {}
