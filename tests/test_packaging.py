@@ -7,6 +7,7 @@ import stat
 import subprocess
 import sys
 import sysconfig
+import textwrap
 import tomllib
 import venv
 import zipfile
@@ -16,6 +17,9 @@ from pathlib import Path, PurePosixPath
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+
+from robocar.formats import load_map
+from robocar.scenario import load_scenario, scenario_names
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("robocar", "planners", "experiments")
@@ -111,12 +115,20 @@ def test_scenarios_are_listed_from_another_folder(installed: Path, tmp_path: Pat
 
 
 def test_installed_scenarios_find_their_maps(installed: Path, tmp_path: Path) -> None:
-    """Oracle: `robocar check` reads the scenario's map, and fails where it is not there."""
-    models = next(installed.parent.glob("lib/python*/site-packages/robocar/models"))
-    scenarios = sorted(str(path) for path in (models / "scenarios").glob("*.yaml"))
-    done = outside(installed, tmp_path, "robocar", "check", *scenarios)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert len(done.stdout.splitlines()) == len(scenarios) > 0
+    """Oracle: the same maps, loaded from the checkout."""
+    script = """
+        from robocar.formats import load_map
+        from robocar.scenario import load_scenario, scenario_names
+        for scenario in map(load_scenario, scenario_names()):
+            print(scenario.file("map").name, *load_map(scenario.file("map"), scenario.resolution).shape)
+    """
+    done = outside(installed, tmp_path, "python", "-c", textwrap.dedent(script))
+    assert done.returncode == 0, done.stderr
+    expected = []
+    for scenario in map(load_scenario, scenario_names()):
+        grid = load_map(scenario.file("map"), scenario.resolution)
+        expected.append(f"{scenario.file('map').name} {grid.shape[0]} {grid.shape[1]}")
+    assert done.stdout.splitlines() == expected
 
 
 def test_the_console_script_says_its_version(installed: Path, wheel: Path, tmp_path: Path) -> None:
