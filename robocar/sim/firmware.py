@@ -200,7 +200,10 @@ class Firmware:
             lag = self.parameters.max_lag
             reference = min(max(reference, measured[side] - lag), measured[side] + lag)
             self._reference[side] = reference
-            voltage = self._volts_per_speed * rates[side] + self.parameters.gain * (reference - measured[side])
+            error = reference - measured[side]
+            if rates[side] == 0.0 and 0.0 <= error < self._pulse:
+                error = 0.0  # it rests in the pulse that the reference lies in; chasing the rest would make it hunt for ever
+            voltage = self._volts_per_speed * rates[side] + self.parameters.gain * error
             voltages.append(min(max(voltage, -self._max_voltage), self._max_voltage))
         return voltages[0], voltages[1]
 

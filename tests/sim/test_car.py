@@ -116,6 +116,23 @@ def test_parked_for_a_minute_it_stays_where_it_is(seed: int, heading: float) -> 
     assert max(abs(p.theta) for p in moved) < math.radians(0.1)
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_after_a_drive_it_comes_to_rest(seed: int) -> None:
+    """No hunting around the last pulse: a second after the stop the motors are off and stay so."""
+    simulation = room(seed=seed)
+    drive(simulation, Drive(Twist(0.3, 0.1 * seed)), 1.0)
+    drive(simulation, Drive(Twist()), 1.5)
+    stopped = simulation.ground_truth().pose
+    speeds, voltages = [], []
+    for _ in range(200):
+        simulation.act(Hold())
+        speeds.append(abs(simulation.ground_truth().twist.v))
+        voltages.append(np.abs(simulation.ground_truth().voltages).max())
+    assert np.median(speeds) < 1e-4
+    assert np.median(voltages) == 0.0
+    assert stopped.distance_to(simulation.ground_truth().pose) < 1e-3
+
+
 @pytest.mark.parametrize(
     "twists",
     [

@@ -168,7 +168,7 @@ def test_sonar_at_an_oblique_wall(hall: Simulation, angle: float, distance: floa
     """A plane at perpendicular distance D, its normal `angle` off the axis: the nearest point of the cone.
 
     D where the normal lies in the cone, else D / cos(angle - half cone) at the cone's edge, lost where even that ray meets
-    the wall at more than the largest angle of incidence. Rays are up to two degrees apart, so close to the limits either is right.
+    the wall at more than the largest angle of incidence. Close to the limits either is right.
     """
     grazing = abs(angle) - HALF_CONE
     assume(abs(grazing - MAX_INCIDENCE) > math.radians(0.2))
