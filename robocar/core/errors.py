@@ -33,6 +33,10 @@ class OutputError(RobocarError):
     """A run directory that exists already, cannot be written, or whose disk is full."""
 
 
+class MapTooLarge(RobocarError):
+    """A map that grows beyond what memory holds."""
+
+
 class PlanningError(RobocarError):
     """Root of the reasons for which a planner returns no plan."""
 
