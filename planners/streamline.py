@@ -70,7 +70,7 @@ def streamline(potential: Potential, start: ArrayLike, max_step: float = 0.5) ->
     reflecting = not potential.problem.plain
     inverse_degree = potential.problem.inverse_degree
     points, arrived = _streamline(mantissa, exponent, inverse_degree, reflecting, x + 1.0, y + 1.0, min(max_step, 0.5))
-    line: Array = points - 1.0
+    line: Array = np.subtract(points, 1.0, dtype=float)
     if arrived:
         return line
     # what is left of the way on cells: the last point's cell and its neighbours are convex in pairs

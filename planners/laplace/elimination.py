@@ -44,7 +44,7 @@ class Elimination:
         return _solve(self.order, self.start, self.later, self.up, self.low, self.pivot, right)
 
     def hitting(self) -> tuple[Array, NDArray[np.int64]]:
-        """Probability to reach the goal from each state as mantissas in [0.5, 1) and binary exponents (0, 0 where there is no way)."""
+        """Probability to reach the goal from each state: mantissas in [0.5, 1) and binary exponents, (n,); 0, 0 without a way."""
         return _hitting(self.order, self.start, self.later, self.up, self.pivot, self.goal)
 
 

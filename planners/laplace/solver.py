@@ -19,9 +19,13 @@ REACHABLE = 4e-15
 """Smallest component-wise residual that doubles reach in every cell: a mean of four and a division round by some 1e-16 each."""
 
 MAX_CYCLES = 60
+WARM_CYCLES = 20
+"""A warm start that takes longer started too far off (another way round, say): a first guess of its own is better then."""
+
 MAX_FILL = 200_000_000
 NARROW, NARROW_FILL = 16.0, 24
-"""Maps whose passages are on average this many cells wide are eliminated at once, while the factors have this many entries a cell."""
+"""Maps whose passages are on average less than this many cells wide are eliminated at once, if the factors have at most this
+many entries a cell."""
 
 Method = Literal["auto", "multigrid", "elimination"]
 
@@ -98,8 +102,11 @@ def solve(
     if method != "elimination":
         levels = Multigrid(problem) if multigrid is None else multigrid
         w = _warm_field(problem, guess) if guess is not None else None
-        if w is None:
-            w = levels.first_guess()
+        if w is not None:
+            cycles = levels.improve(w, tolerance, WARM_CYCLES)
+            if cycles.converged:
+                return Potential(problem, w, None, "multigrid", cycles.residuals)
+        w = levels.first_guess()
         if w is not None:
             cycles = levels.improve(w, tolerance, MAX_CYCLES)
             if cycles.converged:
