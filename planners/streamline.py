@@ -48,10 +48,10 @@ def descend(potential: Potential, start: tuple[int, int]) -> NDArray[np.intp]:
 def streamline(potential: Potential, start: ArrayLike, max_step: float = 0.5) -> Array:
     """The way of steepest descent through the potential interpolated between cells.
 
-    The gradient of bilinear w is followed by the midpoint rule; the step is halved where the direction turns by more than 0.2
-    rad within it, and grows where it hardly turns. Every point lies on free floor, every segment crosses free cells only, and
-    w rises from point to point. Where no such step is found (at corners of walls one cell thin), the line goes to the centre
-    of the best neighbouring cell.
+    The gradient, bilinear between the cells' central differences, is followed by the midpoint rule; the step is halved where
+    the direction turns by more than 0.2 rad within it, and grows where it hardly turns. Every point lies on free floor, every
+    segment crosses free cells only, and w rises from point to point. Where no such step is found (at corners of walls one cell
+    thin), the line goes to the centre of the best neighbouring cell.
 
     Args:
         start: in grid coordinates, (2,) as (col, row) in cells; cell (0, 0) is the square from (0, 0) to (1, 1).
@@ -129,41 +129,49 @@ def _descend(mantissa, exponent, inverse_degree, r, c):
 
 
 @njit(cache=True)
-def _bilinear(mantissa, exponent, reflecting, x, y):
-    """w and its gradient along x and y, relative to the largest of the four cell centres around the point."""
-    c, r = math.floor(x - 0.5), math.floor(y - 0.5)
+def _highest(exponent, mantissa, r, c):
+    """Exponent of the largest w of four cells: others are taken relative to it."""
+    if exponent.size == 1:
+        return 0
     power = -(1 << 30)
-    if exponent.size > 1:
-        for k in range(4):
-            r1, c1 = r + k // 2, c + k % 2
-            if mantissa[r1, c1] > 0.0:
-                power = max(power, exponent[r1, c1])
-    total, count = 0.0, 0
     for k in range(4):
-        value = _relative(mantissa, exponent, r + k // 2, c + k % 2, power)
-        if value > 0.0:
-            total += value
-            count += 1
-    # absorbing walls hold 0; before reflecting ones the potential goes on as it is
-    wall = total / count if reflecting and count > 0 else 0.0
-    w00 = _relative(mantissa, exponent, r, c, power)
-    w01 = _relative(mantissa, exponent, r, c + 1, power)
-    w10 = _relative(mantissa, exponent, r + 1, c, power)
-    w11 = _relative(mantissa, exponent, r + 1, c + 1, power)
-    w00 = w00 if w00 > 0.0 else wall
-    w01 = w01 if w01 > 0.0 else wall
-    w10 = w10 if w10 > 0.0 else wall
-    w11 = w11 if w11 > 0.0 else wall
+        r1, c1 = r + k // 2, c + k % 2
+        if mantissa[r1, c1] > 0.0:
+            power = max(power, exponent[r1, c1])
+    return power
+
+
+@njit(cache=True)
+def _value(mantissa, exponent, x, y):
+    """Bilinear w (0 in walls) in units of two to the power that is returned with it."""
+    c, r = math.floor(x - 0.5), math.floor(y - 0.5)
+    power = _highest(exponent, mantissa, r, c)
     s, t = x - 0.5 - c, y - 0.5 - r
-    gx = (1 - t) * (w01 - w00) + t * (w11 - w10)
-    gy = (1 - s) * (w10 - w00) + s * (w11 - w01)
-    value = (1 - t) * ((1 - s) * w00 + s * w01) + t * ((1 - s) * w10 + s * w11)
-    return value, power, gx, gy
+    low = (1 - s) * _relative(mantissa, exponent, r, c, power) + s * _relative(mantissa, exponent, r, c + 1, power)
+    high = (1 - s) * _relative(mantissa, exponent, r + 1, c, power) + s * _relative(mantissa, exponent, r + 1, c + 1, power)
+    return (1 - t) * low + t * high, power
 
 
 @njit(cache=True)
 def _direction(mantissa, exponent, reflecting, x, y):
-    _, _, gx, gy = _bilinear(mantissa, exponent, reflecting, x, y)
+    """Unit vector along the gradient: central differences at the free cells around the point, interpolated bilinearly."""
+    c, r = math.floor(x - 0.5), math.floor(y - 0.5)
+    power = _highest(exponent, mantissa, r, c)
+    s, t = x - 0.5 - c, y - 0.5 - r
+    gx, gy = 0.0, 0.0
+    for k in range(4):
+        r1, c1 = r + k // 2, c + k % 2
+        own = _relative(mantissa, exponent, r1, c1, power)
+        weight = (t if k >= 2 else 1 - t) * (s if k % 2 == 1 else 1 - s)
+        if own > 0.0:
+            # absorbing walls hold 0; before reflecting ones the potential goes on as it is
+            wall = own if reflecting else 0.0
+            right = _relative(mantissa, exponent, r1, c1 + 1, power)
+            left = _relative(mantissa, exponent, r1, c1 - 1, power)
+            above = _relative(mantissa, exponent, r1 + 1, c1, power)
+            below = _relative(mantissa, exponent, r1 - 1, c1, power)
+            gx += weight * ((right if right > 0.0 else wall) - (left if left > 0.0 else wall))
+            gy += weight * ((above if above > 0.0 else wall) - (below if below > 0.0 else wall))
     size = math.hypot(gx, gy)
     if size == 0.0:
         return 0.0, 0.0
@@ -195,7 +203,7 @@ def _streamline(mantissa, exponent, inverse_degree, reflecting, x, y, max_step):
             points.append((c + 0.5, r + 0.5))
             break
         dx, dy = _direction(mantissa, exponent, reflecting, x, y)
-        value, power, _, _ = _bilinear(mantissa, exponent, reflecting, x, y)
+        value, power = _value(mantissa, exponent, x, y)
         moved = False
         while step > 1e-3 and (dx != 0.0 or dy != 0.0):
             x1, y1 = x + 0.5 * step * dx, y + 0.5 * step * dy
@@ -204,7 +212,7 @@ def _streamline(mantissa, exponent, inverse_degree, reflecting, x, y, max_step):
                 straightness = dx * mx + dy * my
                 x2, y2 = x + step * mx, y + step * my
                 if straightness > 0.98 and _clear(mantissa, x, y, x2, y2):
-                    value2, power2, _, _ = _bilinear(mantissa, exponent, reflecting, x2, y2)
+                    value2, power2 = _value(mantissa, exponent, x2, y2)
                     if _rises(value, power, value2, power2):
                         x, y = x2, y2
                         moved = True

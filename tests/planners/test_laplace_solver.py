@@ -20,7 +20,7 @@ from robocar.formats.generated import cave, maze, rooms
 
 
 def exact(problem: LaplaceProblem) -> np.ndarray:
-    """log2-free oracle: w of every unknown by Gaussian elimination in rational numbers, (rows, cols) of Fraction (dtype object)."""
+    """w of every unknown by Gaussian elimination in rational numbers, (rows, cols) of Fraction (dtype object)."""
     cells = [tuple(c) for c in np.argwhere(problem.unknowns)]
     number = {c: k for k, c in enumerate(cells)}
     goals = {tuple(g) for g in problem.goals}
@@ -105,7 +105,9 @@ def test_every_method_agrees_with_rational_arithmetic_in_every_cell(drawn, metho
     w = exact(problem)
     errors = [abs(Fraction(float(potential.w[c])) / w[c] - 1) for c in map(tuple, np.argwhere(problem.unknowns))]
     assert max(errors, default=0) < 1e-10
-    assert np.all(potential.w[~problem.unknowns] == (np.indices(blocked.shape).transpose(1, 2, 0) == goal).all(-1)[~problem.unknowns])
+    assert np.all(
+        potential.w[~problem.unknowns] == (np.indices(blocked.shape).transpose(1, 2, 0) == goal).all(-1)[~problem.unknowns]
+    )
 
 
 @pytest.mark.parametrize("parts", [(0.5, 0.0), (0.0, 0.01), (0.25, 0.125), (1.0, 0.5)])

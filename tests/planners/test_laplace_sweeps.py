@@ -73,7 +73,9 @@ def coarse_reference(problem, scheme: str) -> np.ndarray:
     return w[3:-3, 3:-3]
 
 
-@given(st.integers(0, 2**32 - 1), st.sampled_from(SCHEMES), st.integers(3, 12), st.integers(3, 12), st.sampled_from([0.0, 0.15, 0.3]))
+@given(
+    st.integers(0, 2**32 - 1), st.sampled_from(SCHEMES), st.integers(3, 12), st.integers(3, 12), st.sampled_from([0.0, 0.15, 0.3])
+)
 @settings(max_examples=60, deadline=None)
 def test_lattices_solve_their_own_equations_and_never_leak(seed, scheme, rows, cols, share) -> None:
     rng = np.random.default_rng(seed)
