@@ -6,8 +6,8 @@ each cell it has not looked around in yet; with sonars on its sides it does not 
 
 What the thesis leaves open is decided here. Echoes are gathered on a fine grid, because the echo of a 15 degree cone does not say where on its arc
 the surface is: later readings that look farther through the same place take it back. A cell is blocked when an obstacle lies where the car would be
-while turning on its centre or while driving over it, so the footprint never touches what is known. Diagonal steps need both
-cells beside them free, and are driven around the corner where something stands between the four cells.
+while turning on its centre, a step when one lies where the car would drive, so the footprint never touches what is known. Diagonal steps
+need both cells beside them free, and are driven around the corner where something stands between the four cells.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ from robocar.core import (
     Observation,
     OccupancyGrid,
     PlanningError,
+    Plan,
     Points,
     Robot,
     Scalar,
@@ -51,7 +52,7 @@ from robocar.core import (
 from robocar.core.trace import PLAN_COLOR
 
 FINE = 0.025  # [m] resolution of the grid on which echoes are gathered
-_HIT, _MOST, _LEAST = 2, 8, -6  # evidence from which on a fine cell counts as an obstacle, and its bounds
+_HIT, _MOST, _LEAST = 2, 6, -6  # evidence from which on a fine cell counts as an obstacle, and its bounds
 _PRIOR = 100  # evidence of what the prior map shows: never taken back
 _EXPLAINED = -_PRIOR  # beside it: echoes from here are the prior's, never marked
 
@@ -105,9 +106,9 @@ def _mark_cone(
 ) -> None:
     """One echo on the fine grid; all lengths in fine cells, angles in the grid's frame.
 
-    Cells about as far away as the echo gain evidence in the middle of the cone; all nearer ones lose some. The first echo may have come from
-    the cone's edge; what was marked wrongly then is taken back by the readings next to it, which look past it: together they leave the
-    surface that explains all of them (a morphological closing of the ranges by the cone).
+    Cells in the middle of the arc gain evidence, nearer ones lose more. The echo came from somewhere on the arc; what was marked wrongly
+    is taken back by the readings next to it, which look past it: together they leave the surface that explains all of
+    them (a morphological closing of the ranges by the cone).
     """
     rows, cols = evidence.shape
     reach = reading + tolerance if reading <= free_reach else free_reach
@@ -135,21 +136,17 @@ def _mark_cone(
 
 
 @njit(cache=True)
-def _cell_blocked(evidence: NDArray[np.int8], col: float, row: float, disc: float, half_width: float, half_cell: float) -> bool:
-    """Whether an obstacle lies where the car turns on (col, row) (a disc) or drives over the cell along its axes (a plus).
-
-    In fine cells and the grid's frame, which is the lattice's.
-    """
+def _disc_blocked(evidence: NDArray[np.int8], col: float, row: float, radius: float) -> bool:
+    """Whether an obstacle reaches into the disc on which the car turns; in fine cells."""
     rows, cols = evidence.shape
-    reach = max(disc, half_cell)
-    for i in range(int(row - reach) - 1, int(row + reach) + 2):
-        for j in range(int(col - reach) - 1, int(col + reach) + 2):
-            if not (0 <= i < rows and 0 <= j < cols) or evidence[i, j] < _HIT:
+    for i in range(max(0, int(row - radius) - 1), min(rows, int(row + radius) + 2)):
+        for j in range(max(0, int(col - radius) - 1), min(cols, int(col + radius) + 2)):
+            if evidence[i, j] < _HIT:
                 continue
             # The point of the fine cell that is nearest to the centre.
             dx = max(abs(j + 0.5 - col) - 0.5, 0.0)
             dy = max(abs(i + 0.5 - row) - 0.5, 0.0)
-            if dx * dx + dy * dy < disc * disc or (max(dx, dy) < half_cell and min(dx, dy) < half_width):
+            if dx * dx + dy * dy < radius * radius:
                 return True
     return False
 
@@ -229,11 +226,10 @@ class ObstacleMemory:
                 seen = reading if reading <= hit_range else 1e6  # too far to mark, yet free before it
                 _mark_cone(self._evidence, col, row, heading + bearing, seen * scale, half, free_range * scale, 0.02 * scale)
 
-    def cell_blocked(self, centre: tuple[float, float], disc: float, half_width: float, half_cell: float) -> bool:
-        """See `_cell_blocked`; lengths in metres."""
-        scale = 1.0 / self.resolution
+    def disc_blocked(self, centre: tuple[float, float], radius: float) -> bool:
+        """See `_disc_blocked`; in metres."""
         col, row = self._grid_point(centre)
-        return bool(_cell_blocked(self._evidence, col, row, disc * scale, half_width * scale, half_cell * scale))
+        return bool(_disc_blocked(self._evidence, col, row, radius / self.resolution))
 
     def way_blocked(self, start: Array, end: Array, half_width: float, front: float) -> bool:
         """See `_way_blocked`; lengths in metres."""
@@ -304,6 +300,8 @@ class DynamicAStar:
         self._blocked = np.zeros((0, 0), dtype=bool)
         self._way: list[Array] = []  # points still to be reached, the next one first
         self._planned_to: Array | None = None
+        self._anchor: Array | None = None  # the last point that was reached: back there the way is free
+        self._retreating = False
         self._looked: set[tuple[int, int]] = set()
         self._spin: tuple[float, float] | None = None  # still to turn [rad], last heading
         self._spin_sign = 1.0
@@ -323,7 +321,7 @@ class DynamicAStar:
         """Compiles the kernels outside the control loop."""
         evidence = np.zeros((4, 4), dtype=np.int8)
         _mark_cone(evidence, 1.0, 1.0, 0.0, 2.0, 0.1, 1.0, 0.5)
-        _cell_blocked(evidence, 1.0, 1.0, 1.0, 1.0, 1.0)
+        _disc_blocked(evidence, 1.0, 1.0, 1.0)
         _way_blocked(evidence, 1.0, 1.0, 2.0, 2.0, 1.0, 1.0)
 
     # -- one tick -----------------------------------------------------------------------------------------------------
@@ -335,7 +333,7 @@ class DynamicAStar:
         for scan in observation.scans:
             memory.mark(belief.pose, scan, self._parameters.hit_range, self._parameters.free_range)
         trace: dict[str, object] = {}
-        if self._planned_to is None or self._must_replan(belief.pose):
+        if self._planned_to is None or (not self._retreating and self._must_replan(belief.pose)):
             problem = self._replan(belief.pose, goal, trace)
             if problem is not None:
                 return problem
@@ -382,7 +380,8 @@ class DynamicAStar:
         rows, cols = lattice.shape
         self._blocked = np.array([[self._is_blocked((r, c)) for c in range(cols)] for r in range(rows)])
         costmap = lattice.costmap(self._blocked)
-        start_cells = self._access(costmap, pose.position, to_point=False)
+        base = self._base(pose)
+        start_cells = self._access(costmap, base, to_point=False)
         # The last leg ends as soon as the goal is near enough.
         self._overhang = max(self._front - 0.8 * goal.xy_goal_tolerance, 0.0)
         goal_cells = self._access(costmap, goal.position, to_point=True)
@@ -390,15 +389,16 @@ class DynamicAStar:
         for start in start_cells:
             for end in goal_cells:
                 try:
-                    plan = self._search.plan(costmap, costmap.world_from_cell(start), costmap.world_from_cell(end))
+                    plan, points = self._search_clear_legs(start, end)
                 except PlanningError as error:
                     reason = str(error)
                     continue
-                self._way = [*self._round_corners(plan.path.points), goal.position]
-                if math.dist(self._way[0], pose.position) < 0.05:
-                    self._way.pop(0)
+                goes_on = len(self._way) > 0 and base is self._way[0]
+                if math.dist(points[0], base) < 0.05:
+                    points = points[1:]
+                self._way = [*([base] if goes_on else []), *points, goal.position]
                 self._planned_to = goal.position
-                self._turning = True
+                self._turning = not goes_on
                 drawn = np.array([pose.position, *self._way])
                 trace["global"] = Lines((drawn,), color=PLAN_COLOR, radius=0.012)
                 trace["blocked_cells"] = self._draw_blocked(costmap)
@@ -426,6 +426,22 @@ class DynamicAStar:
         self._way, self._planned_to = [], None
         return Drive(Twist(), trace=trace)  # type: ignore[arg-type]
 
+    def _base(self, pose: SE2) -> Array:
+        """Where the new way begins. Between two cells the car has no room to turn that it knows of: it goes on to the next one
+        if that is still free, else straight back to where it came from."""
+        memory = self._memory
+        assert memory is not None
+        self._retreating = False
+        if self._anchor is None or not self._way or self._turning or math.dist(pose.position, self._anchor) <= 0.05:
+            return pose.position
+        ahead = self._way[0]
+        overhang = self._overhang if len(self._way) == 1 else 0.0
+        clear = not memory.way_blocked(pose.position, ahead, self._half_width - self._margin, overhang)
+        if clear and not self._is_blocked(self._cell(ahead)):
+            return ahead
+        self._retreating = True
+        return self._anchor
+
     def _access(self, costmap: Costmap, point: Array, *, to_point: bool) -> list[tuple[int, int]]:
         """Free cells, nearest first, between whose centre and the point the car can drive straight, to it or from it."""
         lattice, memory = self._lattice, self._memory
@@ -442,18 +458,47 @@ class DynamicAStar:
                     found.append((math.dist(centre, point), (r, c)))
         return [cell for _, cell in sorted(found)[:4]]
 
-    def _round_corners(self, points: Array) -> list[Array]:
-        """Splits diagonal steps between which something stands into two straight ones."""
+    def _search_clear_legs(self, start: tuple[int, int], end: tuple[int, int]) -> tuple[Plan, list[Array]]:
+        """The path between two cells on which the car can also drive from each centre to the next.
+
+        Cells are free where the car can turn; what stands between two of them shows up only when a path uses both. The cell behind such
+        a leg is then taken as blocked, and the search repeated.
+
+        Raises:
+            PlanningError: there is none.
+        """
+        lattice = self._lattice
+        assert lattice is not None
+        blocked = self._blocked.copy()
+        while True:
+            costmap = lattice.costmap(blocked)
+            plan = self._search.plan(costmap, costmap.world_from_cell(start), costmap.world_from_cell(end))
+            points, obstructed = self._legs(plan.path.points, blocked)
+            if obstructed is None:
+                return plan, points
+            blocked[obstructed if obstructed != end else self._cell(points[-1])] = True
+
+    def _legs(self, points: Array, blocked: NDArray[np.bool_]) -> tuple[list[Array], tuple[int, int] | None]:
+        """The points of a path up to the first leg that is obstructed, and the cell that this leg leads to.
+
+        A diagonal leg between whose cells something stands is driven around the corner where that is clear.
+        """
         lattice, memory = self._lattice, self._memory
         assert lattice is not None and memory is not None
         way = [points[0]]
         for here, there in zip(points[:-1], points[1:], strict=True):
-            (r0, c0), (r1, c1) = self._cell(here), self._cell(there)
-            if r0 != r1 and c0 != c1 and memory.way_blocked(here, there, self._half_width, 0.0):
-                grid = GridMap(self._blocked, lattice.cell_size, lattice.origin)
-                way.append(grid.world_from_cell((r0, c1)))
+            if memory.way_blocked(here, there, self._half_width, 0.0):
+                (r0, c0), (r1, c1) = self._cell(here), self._cell(there)
+                corners = [np.array(lattice.centre(cell)) for cell in ((r0, c1), (r1, c0)) if r0 != r1 and c0 != c1]
+                for corner in corners:
+                    legs = ((here, corner), (corner, there))
+                    if not any(memory.way_blocked(a, b, self._half_width, 0.0) for a, b in legs):
+                        way.append(corner)
+                        break
+                else:
+                    return way, (r1, c1)
             way.append(there)
-        return way
+        return way, None
 
     def _cell(self, point: Array) -> tuple[int, int]:
         lattice = self._lattice
@@ -464,8 +509,7 @@ class DynamicAStar:
     def _is_blocked(self, cell: tuple[int, int]) -> bool:
         lattice, memory = self._lattice, self._memory
         assert lattice is not None and memory is not None
-        centre = lattice.centre(cell)
-        return memory.cell_blocked(centre, self._disc, self._half_width, 0.5 * lattice.cell_size)
+        return memory.disc_blocked(lattice.centre(cell), self._disc)
 
     # -- driving ------------------------------------------------------------------------------------------------------
 
@@ -473,6 +517,8 @@ class DynamicAStar:
         """Look around where that is needed, else turn to the next point and drive straight there."""
         if self._spin is not None:
             return self._turn_on(pose)
+        if self._retreating:
+            return self._back_up(pose)
         if self._look_around and not self._at_last_point(pose) and self._cell(pose.position) not in self._looked:
             lattice = self._lattice
             assert lattice is not None
@@ -482,9 +528,10 @@ class DynamicAStar:
                 self._spin = (math.tau, pose.theta)
                 self._spin_sign = -self._spin_sign  # left and right in turn: what one turn adds to the drift, the next takes back
                 return self._turn_on(pose)
+        if self._anchor is None:
+            self._anchor = pose.position
         while len(self._way) > 1 and math.dist(self._way[0], pose.position) < 0.02:
-            self._way.pop(0)
-            self._turning = True
+            self._reach()
         target = self._way[0]
         dx, dy = target[0] - pose.x, target[1] - pose.y
         distance = math.hypot(dx, dy)
@@ -494,11 +541,28 @@ class DynamicAStar:
         self._turning = False
         if math.cos(error) * distance <= 0.01:  # passed it
             if len(self._way) > 1:
-                self._way.pop(0)
+                self._reach()
             self._turning = True
             return Twist()
         speed = min(self._parameters.speed, math.sqrt(2.0 * 0.5 * self._robot.limits.acc_lim_x * distance))
         return Twist(max(speed, 0.03) * max(math.cos(error), 0.0), min(max(2.5 * error, -0.8), 0.8))
+
+    def _reach(self) -> None:
+        """The next point is reached; the car turns there."""
+        self._anchor = self._way.pop(0)
+        self._turning = True
+
+    def _back_up(self, pose: SE2) -> Twist:
+        """Straight back to the last point that was reached."""
+        assert self._anchor is not None
+        dx, dy = self._anchor[0] - pose.x, self._anchor[1] - pose.y
+        behind = -(dx * math.cos(pose.theta) + dy * math.sin(pose.theta))
+        if behind <= 0.01:
+            self._retreating = False
+            self._turning = True
+            return Twist()
+        error = wrap_angle(math.atan2(-dy, -dx) - pose.theta)
+        return Twist(-min(0.5 * self._parameters.speed, behind + 0.03), min(max(1.5 * error, -0.5), 0.5))
 
     def _at_last_point(self, pose: SE2) -> bool:
         return len(self._way) <= 1
