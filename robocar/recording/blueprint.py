@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import rerun as rr
 import rerun.blueprint as rrb
 
 from robocar.recording import palette
@@ -27,13 +28,9 @@ def _everything_until_now() -> rrb.VisibleTimeRanges:
 
 def extent(scenery: Scenery) -> tuple[np.ndarray, float, float]:
     """Centre (2,), width and height [m] of what is to be seen."""
-    grid = scenery.truth or scenery.prior
-    if grid is not None:
-        points = grid.corners()
-    elif scenery.landmarks:
-        points = np.array([mark.position[:2] for mark in scenery.landmarks])
-    else:
-        points = np.array([[-2.0, -2.0], [2.0, 2.0]])
+    seen = [grid.corners() for grid in (scenery.truth, scenery.prior) if grid is not None][:1]
+    seen += [mark.position[None, :2] + offset * mark.radius for mark in scenery.landmarks for offset in (-1.0, 1.0)]
+    points = np.concatenate(seen) if seen else np.array([[-2.0, -2.0], [2.0, 2.0]])
     low, high = points.min(axis=0), points.max(axis=0)
     width, height = np.maximum(high - low, 1.0)
     return (low + high) / 2, float(width), float(height)
@@ -44,7 +41,7 @@ def blueprint(scenery: Scenery) -> rrb.Blueprint:
     centre, width, height = extent(scenery)
     target = [centre[0], centre[1], 0.0]
     # From straight above, high enough for both extents; a hair south of it, so that up on the screen is +y.
-    distance = max(height, width / 1.3)
+    distance = 1.12 * max(height, width / 1.3)
     above = rrb.EyeControls3D(
         kind="Orbital", position=[centre[0], centre[1] - 1e-3 * distance, distance], look_target=target, eye_up=[0.0, 1.0, 0.0]
     )
@@ -82,7 +79,10 @@ def blueprint(scenery: Scenery) -> rrb.Blueprint:
         views.append(rrb.Spatial2DView(origin="world/robot/camera", contents=seen, name="Camera"))
     if robot is None or robot.top_camera:
         views.append(rrb.Spatial2DView(origin="world/top_camera", contents="$origin/**", name="Top camera"))
-    link = rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal)
+    link = rrb.TimeAxis(
+        link=rrb.components.LinkAxis.LinkToGlobal,
+        view_range=rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite()),
+    )
     series = [
         rrb.TimeSeriesView(
             origin=f"signals/{name}",

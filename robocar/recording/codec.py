@@ -30,7 +30,6 @@ from numpy.typing import NDArray
 
 from robocar.core import (
     SE2,
-    Array,
     Command,
     Detection,
     Done,
@@ -77,10 +76,14 @@ def encode_observation(observation: Observation) -> Row:
     if (acceleration := observation.acceleration) is not None:
         row["acceleration"] = (acceleration.time, *acceleration.value)
     if observation.lidar is not None:
-        row["lidar"] = _encode_scan(observation.lidar)
+        scan = observation.lidar
+        row["lidar"] = np.concatenate([_scan_head(scan), scan.ranges, scan.bearings])
         row["lidar_name"] = (observation.lidar.name,)
     if observation.sonars:
-        row["sonars"] = np.concatenate([_encode_scan(scan) for scan in observation.sonars])
+        # Single beams: plain lists are several times faster than arrays.
+        row["sonars"] = numbers = []
+        for scan in observation.sonars:
+            numbers += (*_scan_head(scan), *scan.ranges.tolist(), *scan.bearings.tolist())
         row["sonar_names"] = [scan.name for scan in observation.sonars]
     if observation.landmarks:
         row["landmarks"] = np.concatenate([(d.time, d.bearing, d.range, *d.covariance.ravel()) for d in observation.landmarks])
@@ -94,10 +97,9 @@ def encode_observation(observation: Observation) -> Row:
     return row
 
 
-def _encode_scan(scan: Scan) -> Array:
+def _scan_head(scan: Scan) -> tuple[float, ...]:
     mount = scan.robot_from_sensor
-    head = (len(scan.ranges), scan.time, scan.max_range, scan.beam_width, mount.x, mount.y, mount.theta)
-    return np.concatenate([head, scan.ranges, scan.bearings])
+    return (len(scan.ranges), scan.time, scan.max_range, scan.beam_width, mount.x, mount.y, mount.theta)
 
 
 def decode_observation(row: Row, pixels: Mapping[str, NDArray[np.uint8]]) -> Observation:

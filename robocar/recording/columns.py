@@ -13,6 +13,8 @@ import pyarrow as pa
 import rerun as rr
 from numpy.typing import NDArray
 
+from robocar.recording.streams import Streams
+
 Rows = list[Any]
 Builder = Callable[[Rows], Iterable[Any]]
 
@@ -113,9 +115,9 @@ class Buffer:
         self._times.append(time)
         self._rows.append(row)
 
-    def send(self, stream: rr.RecordingStream) -> None:
+    def send(self, stream: Streams) -> None:
         """Send and forget the rows."""
         if self._rows:
             index = indexes(np.asarray(self._ticks), np.asarray(self._times))
-            stream.send_columns(self.entity, index, self._build(self._rows), strict=True)
+            stream.send_columns(self.entity, index, self._build(self._rows))
             self._ticks, self._times, self._rows = [], [], []

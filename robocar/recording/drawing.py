@@ -13,6 +13,7 @@ from robocar.core.trace import Arrows, Drawable, Field, Lines, Points, Segments
 from robocar.recording import palette
 from robocar.recording.columns import single
 from robocar.recording.scenery import Box, Cylinder, Scenery, Solid
+from robocar.recording.streams import Streams
 
 # Heights above the floor [m]: what explains lies over what it explains.
 PRIOR_LAYER, MAP_LAYER, COST_LAYER, FIELD_LAYER = 0.002, 0.003, 0.004, 0.005
@@ -23,8 +24,6 @@ ELLIPSE_CORNERS = 33
 
 WORLD_FRAME = "tf#/world"
 """Rerun's own name for the frame of entity `world`: the map frame."""
-
-Stream = rr.RecordingStream
 
 
 def turned(angle: float) -> rr.Quaternion:
@@ -245,11 +244,11 @@ def particles(weighted: Array, most: int) -> rr.Arrows3D:
     )
 
 
-def log_scenery(stream: Stream, scenery: Scenery) -> None:
+def log_scenery(stream: Streams, scenery: Scenery) -> None:
     """Everything that does not change, as static data."""
 
     def static(entity: str, *archetypes: rr.AsComponents) -> None:
-        stream.log(entity, *archetypes, static=True, strict=True)
+        stream.log(entity, *archetypes)
 
     static("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
     if (truth := scenery.truth) is not None:
@@ -268,7 +267,7 @@ def log_scenery(stream: Stream, scenery: Scenery) -> None:
             rr.Points3D(
                 [mark.position for mark in scenery.landmarks],
                 radii=[mark.radius for mark in scenery.landmarks],
-                colors=[palette.rgba32(palette.LANDMARKS.get(mark.color, (120, 120, 120))) for mark in scenery.landmarks],
+                colors=palette.packed([palette.LANDMARKS.get(mark.color, (120, 120, 120)) for mark in scenery.landmarks]),
                 labels=[mark.name for mark in scenery.landmarks],
                 show_labels=False,
             ),
@@ -299,7 +298,7 @@ def _log_robot(static, robot: Robot) -> None:
                 [front - rear, 2 * (side - tread), body_high - body_low],
                 [0.2 * (front - rear), 0.6 * side, 0.6 * wheel],
             ],
-            colors=[palette.rgba32(palette.CAR_BODY), palette.rgba32(palette.WHEEL)],
+            colors=palette.packed([palette.CAR_BODY, palette.WHEEL]),
             fill_mode="solid",
         ),
     )

@@ -62,6 +62,11 @@ def rgba32(color: tuple[int, ...]) -> int:
     return (red << 24) | (green << 16) | (blue << 8) | alpha
 
 
+def packed(colors: list[tuple[int, ...]]) -> NDArray[np.uint32]:
+    """Several colours for Rerun, which takes a plain list of four for one colour's channels."""
+    return np.array([rgba32(color) for color in colors], dtype=np.uint32)
+
+
 def viridis(values: NDArray) -> NDArray[np.uint8]:
     """Colours (..., 4) RGBA of numbers (...) from the lowest to the highest; transparent where they are not finite."""
     values = np.asarray(values, dtype=float)

@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import rerun as rr
 
 from robocar.core import SE2, Array, Belief, Command, Drive
 from robocar.core.truth import GroundTruth
 from robocar.recording import columns, drawing, palette
+from robocar.recording.streams import Streams
 
 PATH_STEP = 0.01
 """Paths are drawn in pieces of at least this length [m]."""
@@ -86,7 +86,7 @@ class Sheet:
         self._times.append(time)
         self._rows.append(tuple(row))
 
-    def send(self, stream: rr.RecordingStream) -> None:
+    def send(self, stream: Streams) -> None:
         """Send and forget the rows."""
         if not self._rows:
             return
@@ -99,16 +99,16 @@ class Sheet:
             known = np.isfinite(pose[:, 0])
             if known.any():
                 index = everything if known.all() else columns.indexes(ticks[known], times[known])
-                stream.send_columns(f"world/{name}", index, columns.poses(pose[known]), strict=True)
+                stream.send_columns(f"world/{name}", index, columns.poses(pose[known]))
                 self._send_path(stream, name, ticks[known], times[known], pose[known, :2])
         for k, name in enumerate(SERIES, start=3 * len(POSES)):
             series = table[:, k]
             known = ~np.isnan(series)
             if known.any():
                 index = everything if known.all() else columns.indexes(ticks[known], times[known])
-                stream.send_columns(f"signals/{name}", index, columns.scalars(series[known]), strict=True)
+                stream.send_columns(f"signals/{name}", index, columns.scalars(series[known]))
 
-    def _send_path(self, stream: rr.RecordingStream, name: str, ticks: Array, times: Array, positions: Array) -> None:
+    def _send_path(self, stream: Streams, name: str, ticks: Array, times: Array, positions: Array) -> None:
         """Pieces of the path between the ticks at which another `PATH_STEP` has been travelled."""
         end = self._paths.setdefault(name, _PathEnd(positions[0], positions[0]))
         steps = np.linalg.norm(np.diff(np.concatenate([end.position[None], positions]), axis=0), axis=1)
@@ -121,4 +121,4 @@ class Sheet:
             end.drawn = corners[-1]
             pieces = drawing.raised(corners, drawing.PATH_LAYER[name])
             index = columns.indexes(ticks[kept], times[kept])
-            stream.send_columns(f"world/{name}/path", index, columns.segments(np.hstack([pieces[:-1], pieces[1:]])), strict=True)
+            stream.send_columns(f"world/{name}/path", index, columns.segments(np.hstack([pieces[:-1], pieces[1:]])))

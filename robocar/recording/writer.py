@@ -35,17 +35,14 @@ from robocar.recording.blueprint import blueprint, extent
 from robocar.recording.columns import Buffer
 from robocar.recording.scenery import Scenery
 from robocar.recording.sheet import SERIES, Sheet
+from robocar.recording.streams import Streams
 from robocar.recording.throttle import Throttle
 
-FLUSH_TICKS, LIVE_FLUSH_TICKS = 200, 4
+FLUSH_TICKS, LIVE_FLUSH_TICKS = 400, 4
 GRID_INTERVAL, GRID_RATE = 0.5, 200_000.0  # [s], [cells/s]
 TRACE_INTERVAL, TRACE_RATE = 0.2, 20_000.0  # [s], [B/s]
 PARTICLE_INTERVAL, MOST_PARTICLES = 0.5, 200
 LASER_INTERVAL, MOST_BEAMS = 0.2, 200
-
-FLUSH_TIMEOUT = 60.0  # [s] of real time; only a writer that died takes so long
-ROOM = 1 << 20  # a disk with less room is full [B]
-_FOOTER = b"RRF2FOOT"
 
 
 class RerunRecorder:
@@ -59,9 +56,9 @@ class RerunRecorder:
         path: of the file; an existing one is replaced.
         run_id: names the run; the same id makes recordings of equal runs equal.
         scenery: the static world.
-        live: open a viewer and stream to it.
+        live: also stream to a viewer: True opens one, a text is the address of one that runs already.
         properties: facts known before the run, e.g. scenario and seed.
-        flush_ticks: between two writings; by default 200, or 4 if live.
+        flush_ticks: between two writings; by default 400, or 4 if live.
 
     Raises:
         OutputError: the file cannot be written.
@@ -73,11 +70,10 @@ class RerunRecorder:
         *,
         run_id: str,
         scenery: Scenery,
-        live: bool = False,
+        live: bool | str = False,
         properties: Mapping[str, Any] | None = None,
         flush_ticks: int | None = None,
     ) -> None:
-        self._path = FilePath(path)
         self._properties = dict(properties or {})
         self._flush_ticks = flush_ticks or (LIVE_FLUSH_TICKS if live else FLUSH_TICKS)
         self._tick, self._time = -1, 0.0
@@ -86,40 +82,24 @@ class RerunRecorder:
         self._observed = Buffer("observation", _observation_columns)
         self._commanded = Buffer("command", _command_columns)
         self._mounts: dict[str, Any] = {}
+        self._sonars: dict[str, tuple[Any, Buffer]] = {}
         self._texts: dict[str, Any] = {}
         self._traces = Throttle(TRACE_INTERVAL, TRACE_RATE, drawing.drawable_bytes)
         self._next_grid = self._next_particles = self._next_ellipse = self._next_laser = -math.inf
         self._grid: OccupancyGrid | None = None
-        self._scale = max(
-            1.0, max(extent(scenery)[1:]) / 4.0
-        )  # lines of a map of 40 m are not drawn as thin as those of one of 4 m
+        # Lines of a map of 40 m are not drawn as thin as those of one of 4 m.
+        self._scale = max(1.0, max(extent(scenery)[1:]) / 4.0)
         self._contact = False
         self._closed = False
         rr.set_strict_mode(True)  # otherwise a bad argument is a warning and the data is gone
-        # Chunks end where this class flushes, not where a clock says: equal runs have equal files.
-        self._stream = rr.RecordingStream(
-            "robocar", recording_id=run_id, send_properties=False, batcher_config=rr.ChunkBatcherConfig.NEVER()
-        )
-        self._open(scenery, live)
+        self._stream = Streams(FilePath(path), run_id, blueprint(scenery), live)
+        self._static(scenery)
 
-    def _open(self, scenery: Scenery, live: bool) -> None:
-        views = blueprint(scenery)
-        try:
-            # Rerun waits for ever for a writer that failed at the first byte.
-            if self._free_bytes() < ROOM:
-                raise OutputError(self._failure("cannot write the recording"))
-            if live:
-                rr.spawn(connect=False, hide_welcome_screen=True)
-                self._stream.set_sinks(rr.FileSink(str(self._path)), rr.GrpcSink(), default_blueprint=views)
-            else:
-                self._stream.save(self._path, default_blueprint=views)
-        except (RuntimeError, OSError) as error:
-            raise OutputError(f"{self._path}: cannot write the recording: {error}") from error
-        self._stream.set_log_time_enabled(False)
+    def _static(self, scenery: Scenery) -> None:
         drawing.log_scenery(self._stream, scenery)
         for name, color in SERIES.items():
             style = rr.SeriesLines(colors=[palette.rgba32(color)], widths=1.5, names=name.rpartition("/")[2])
-            self._stream.log(f"signals/{name}", style, static=True)
+            self._stream.log(f"signals/{name}", style)
         # Where the three coincide, the narrower ones on top leave the rims of the wider ones to be seen.
         for name, color, width in (
             ("odometry", palette.ODOMETRY, 2.6),
@@ -128,10 +108,10 @@ class RerunRecorder:
         ):
             line = rr.LineStrips3D.from_fields(colors=[palette.rgba32(color)], radii=rr.Radius.ui_points(width))
             # The path lies in the map, not in the moving frame of its parent.
-            self._stream.log(f"world/{name}/path", line, rr.CoordinateFrame(drawing.WORLD_FRAME), static=True)
-        self._stream.log("world/estimate/particles", rr.CoordinateFrame(drawing.WORLD_FRAME), static=True)
+            self._stream.log(f"world/{name}/path", line, rr.CoordinateFrame(drawing.WORLD_FRAME))
+        self._stream.log("world/estimate/particles", rr.CoordinateFrame(drawing.WORLD_FRAME))
         line = rr.LineStrips3D.from_fields(colors=[palette.rgba32(palette.ESTIMATE)], radii=rr.Radius.ui_points(1.0))
-        self._stream.log("world/estimate/covariance", line, rr.CoordinateFrame(drawing.WORLD_FRAME), static=True)
+        self._stream.log("world/estimate/covariance", line, rr.CoordinateFrame(drawing.WORLD_FRAME))
         self._about(None)
         self._flush()
 
@@ -175,16 +155,9 @@ class RerunRecorder:
         if facts:
             self._stream.send_property("run", rr.AnyValues(**facts))
         self._about(result)
-        try:
-            self._flush()
-        finally:
-            self._closed = True
-            self._stream.disconnect()
-        # The footer is written on disconnecting, when nobody is told of a full disk.
-        with self._path.open("rb") as file:
-            file.seek(-min(64, self._path.stat().st_size), os.SEEK_END)
-            if _FOOTER not in file.read():
-                raise OutputError(self._failure())
+        self._closed = True
+        self._flush()
+        self._stream.close()
 
     # ---- one tick, part by part ----
 
@@ -221,19 +194,18 @@ class RerunRecorder:
             self._log("world/robot/detections", drawing.detections(observation.landmarks))
 
     def _sonar(self, scan: Scan) -> None:
-        entity = f"world/robot/sonar/{_part(scan.name or 'sonar')}"
         if len(scan.bearings) == 0 or not math.isfinite(scan.bearings[0]):
             return
-        bearing = float(scan.bearings[0])
-        mount = (scan.robot_from_sensor, scan.beam_width, bearing)
-        if self._mounts.get(entity) != mount:
-            self._mounts[entity] = mount
+        mount = (scan.robot_from_sensor, scan.beam_width, float(scan.bearings[0]))
+        known = self._sonars.get(scan.name)
+        if known is None or known[0] != mount:
+            entity = f"world/robot/sonar/{_part(scan.name or 'sonar')}"
             self._log(entity, drawing.transform(scan.robot_from_sensor, drawing.SENSOR_LAYER))
-            self._log(f"{entity}/cone", drawing.cone(bearing, scan.beam_width))
+            self._log(f"{entity}/cone", drawing.cone(mount[2], scan.beam_width))
+            known = self._sonars[scan.name] = (mount, self._buffer(f"{entity}/cone", columns.cones))
         distance = float(scan.ranges[0])
-        heard = math.isfinite(distance)
-        row = (distance if heard else scan.max_range, palette.rgba32(palette.ECHO if heard else palette.NO_ECHO))
-        self._buffer(f"{entity}/cone", columns.cones).append(self._tick, self._time, row)
+        row = (distance, _ECHO) if math.isfinite(distance) else (scan.max_range, _NO_ECHO)
+        known[1].append(self._tick, self._time, row)
 
     def _laser(self, scan: Scan) -> None:
         entity = "world/robot/lidar"
@@ -316,29 +288,20 @@ class RerunRecorder:
 
     def _about(self, result: Mapping[str, Any] | None) -> None:
         page = rr.TextDocument(about.page(self._properties, result), media_type="text/markdown")
-        self._stream.log("log/about", page, static=True)
+        self._stream.log("log/about", page)
 
     def _flush(self) -> None:
         self._sheet.send(self._stream)
         for buffer in (self._observed, self._commanded, *self._buffers.values()):
             buffer.send(self._stream)
         try:
-            self._stream.flush(timeout_sec=FLUSH_TIMEOUT)
-        except RuntimeError as error:
+            self._stream.flush()
+        except OutputError:
             self._closed = True
-            self._stream.disconnect()
-            raise OutputError(self._failure()) from error
-
-    def _free_bytes(self) -> int:
-        disk = os.statvfs(self._path.parent)
-        return disk.f_bavail * disk.f_frsize
-
-    def _failure(self, what: str = "the recording is incomplete") -> str:
-        free = self._free_bytes()
-        cause = f"the disk is full ({free} bytes free)" if free < ROOM else "writing failed"
-        return f"{self._path}: {what}: {cause}"
+            raise
 
 
+_ECHO, _NO_ECHO = palette.rgba32(palette.ECHO), palette.rgba32(palette.NO_ECHO)
 _part = lru_cache(maxsize=1024)(rr.escape_entity_path_part)
 
 

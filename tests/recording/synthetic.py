@@ -54,7 +54,10 @@ def scenery(**changes) -> Scenery:
         "truth": room(),
         "robot": car(),
         "goal": Goal(np.array([1.0, 2.3]), heading=math.pi / 2),
-        "landmarks": (Landmark("blue_ball", "blue", np.array([3.4, 0.1, 0.2]), 0.08),),
+        "landmarks": tuple(
+            Landmark(f"{color}_ball", color, np.array([x, y, 0.2]), 0.08)
+            for color, x, y in (("blue", 3.4, 0.1), ("red", 0.1, 0.1), ("green", 3.4, 2.9), ("orange", 0.1, 2.9))
+        ),
         "solids": (Box((0.3, 0.2, 0.2), SE2(2.9, 2.6, 0.4)), Cylinder(0.12, 0.25, SE2(0.3, 2.7, 0.0))),
         "movers": {"cart": Box((0.2, 0.2, 0.3))},
     }

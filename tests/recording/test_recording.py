@@ -3,6 +3,7 @@
 import math
 import os
 import shutil
+import socket
 import subprocess
 import sys
 from collections import defaultdict
@@ -36,6 +37,9 @@ from robocar.recording import (
     read_signal,
     read_trajectory,
 )
+
+# Rerun only warns of arguments that it may have misunderstood.
+pytestmark = pytest.mark.filterwarnings("error::rerun.error_utils.RerunWarning")
 
 RESULT = {
     "scenario": "synthetic",
@@ -311,6 +315,15 @@ def test_a_file_that_cannot_be_opened_is_an_output_error(tmp_path, path):
         RerunRecorder(tmp_path / path, run_id="nowhere", scenery=Scenery())
 
 
+def test_a_viewer_that_is_not_there_does_not_end_the_run(tmp_path, caplog):
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        address = f"rerun+http://127.0.0.1:{probe.getsockname()[1]}/proxy"
+    path = write(tmp_path / "run.rrd", drive(30), live=address)
+    assert "the viewer is gone" in caplog.text
+    assert len(list(read_observations(path))) == 30
+
+
 @pytest.mark.skipif(os.geteuid() != 0 or shutil.which("mount") is None, reason="needs root to make a disk that can be full")
 @pytest.mark.parametrize("size", ["64k", "1100k", "1300k", "1500k"])
 def test_a_full_disk_is_an_output_error(tmp_path, size):
@@ -329,13 +342,13 @@ def test_a_file_that_lost_its_footer_is_an_output_error(tmp_path):
     """The same check without a special disk: the file shrinks behind the recorder's back."""
     path = tmp_path / "run.rrd"
     recorder = RerunRecorder(path, run_id="cut", scenery=Scenery())
-    disconnect = recorder._stream.disconnect
+    disconnect = recorder._stream._file.disconnect
 
     def cut():
         disconnect()
         os.truncate(path, path.stat().st_size // 2)
 
-    recorder._stream.disconnect = cut  # type: ignore[method-assign]
+    recorder._stream._file.disconnect = cut  # type: ignore[method-assign]
     with pytest.raises(OutputError, match="incomplete"):
         recorder.close()
 

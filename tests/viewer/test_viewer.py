@@ -9,6 +9,7 @@ import math
 import socket
 import sys
 import time
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +18,7 @@ import numpy as np
 import pytest
 
 from robocar.core import Image
-from robocar.recording import RerunRecorder, Scenery, palette
+from robocar.recording import RerunRecorder, Scenery, palette, read_trajectory
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "recording"))
 from synthetic import GrowingMap, drive, record, room, scenery
@@ -29,14 +30,26 @@ pytestmark = pytest.mark.skipif(
 LOOK_AT = 18.0  # [s]
 
 
-def shoot(path):
-    """Opens the recording in a viewer of its own: pictures (h, w, 3) RGB of Map and 3D, reports by view, warnings."""
+@contextmanager
+def viewer_without_screen():
     from rerun.experimental import ViewerClient
 
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     with ViewerClient.spawn(headless=True, port=port, hide_welcome_screen=True) as viewer:
+        yield viewer
+
+
+def picture_of(viewer, view):
+    """(h, w, 3) RGB"""
+    png = np.frombuffer(viewer.take_screenshot(view.view_id), np.uint8)
+    return cv2.cvtColor(cv2.imdecode(png, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+
+
+def shoot(path):
+    """Opens the recording: pictures (h, w, 3) RGB of Map, 3D and Camera, reports by view, warnings about data."""
+    with viewer_without_screen() as viewer:
         viewer.open(str(path))
         patience = time.monotonic() + 60
         while viewer.get_state().loading and time.monotonic() < patience:
@@ -44,11 +57,7 @@ def shoot(path):
         viewer.set_time("sim_time", duration=LOOK_AT, play_state="paused")
         time.sleep(2.0)
         views = {view.name: view for view in viewer.get_state().views}
-        pictures = {}
-        for name in ("Map", "3D", "Camera"):
-            if name in views:
-                png = np.frombuffer(viewer.take_screenshot(views[name].view_id), np.uint8)
-                pictures[name] = cv2.cvtColor(cv2.imdecode(png, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+        pictures = {name: picture_of(viewer, views[name]) for name in ("Map", "3D", "Camera") if name in views}
         logs = [log for log in viewer.get_logs() if "Component" in str(log)]
     return pictures, {name: view.reports for name, view in views.items()}, logs
 
@@ -56,6 +65,19 @@ def shoot(path):
 def pixels_of(picture, color, tolerance=24):
     """Where the picture has about this colour, (n, 2) as row, col."""
     return np.argwhere(np.abs(picture.astype(int) - color).max(axis=2) <= tolerance)
+
+
+def test_a_run_is_shown_while_it_goes_on(tmp_path):
+    """The viewer has the car before the recording is closed."""
+    with viewer_without_screen() as viewer:
+        recorder = RerunRecorder(tmp_path / "run.rrd", run_id="live", scenery=scenery(), live=viewer.url)
+        record(recorder, drive(200))
+        time.sleep(3.0)
+        views = {view.name: view for view in viewer.get_state().views}
+        picture = picture_of(viewer, views["Map"])
+        recorder.close()
+    assert len(pixels_of(picture, palette.CAR_BODY)) > 300
+    assert len(read_trajectory(tmp_path / "run.rrd")[0]) == 200
 
 
 @pytest.fixture(scope="module")

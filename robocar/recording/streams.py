@@ -1,0 +1,127 @@
+"""Where a recording goes: the file, and a viewer beside it."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from robocar.core import OutputError
+
+FLUSH_TIMEOUT = 60.0  # [s] of real time; only a writer that died takes so long
+ROOM = 1 << 20  # a disk with less room is full [B]
+_FOOTER = b"RRF2FOOT"
+
+
+def _recording(run_id: str) -> rr.RecordingStream:
+    # Chunks end where the recorder flushes, not where a clock says: equal runs have equal files.
+    return rr.RecordingStream("robocar", recording_id=run_id, send_properties=False, batcher_config=rr.ChunkBatcherConfig.NEVER())
+
+
+class Streams:
+    """Sends everything to the file and, if there is one, to the viewer. The file must not fail, the viewer may.
+
+    Args:
+        path: of the file.
+        run_id: of the recording.
+        views: the blueprint.
+        live: open a viewer; a text is the address of one that runs already, e.g. `rerun+http://127.0.0.1:9876/proxy`.
+
+    Raises:
+        OutputError: the file cannot be opened.
+    """
+
+    def __init__(self, path: Path, run_id: str, views: rrb.Blueprint, live: bool | str) -> None:
+        self._path = path
+        self._file = _recording(run_id)
+        self._viewer: rr.RecordingStream | None = None
+        try:
+            # Rerun waits for ever for a writer that failed at the first byte.
+            if self._free_bytes() < ROOM:
+                raise OutputError(self._failure("cannot write the recording"))
+            self._file.save(path, default_blueprint=views)
+        except (RuntimeError, OSError) as error:
+            raise OutputError(f"{path}: cannot write the recording: {error}") from error
+        self._file.set_log_time_enabled(False)
+        if live:
+            self._open_viewer(run_id, views, live)
+
+    def _open_viewer(self, run_id: str, views: rrb.Blueprint, live: bool | str) -> None:
+        viewer = self._viewer = _recording(run_id)
+        viewer.set_log_time_enabled(False)
+
+        def connect() -> None:
+            if live is True:
+                rr.spawn(hide_welcome_screen=True, default_blueprint=views, recording=viewer)
+            else:
+                viewer.connect_grpc(str(live), default_blueprint=views)
+
+        self._to_viewer(connect)
+
+    def log(self, entity: str, *parts: Any, static: bool = True) -> None:
+        """Static data; what changes goes through `send_columns`."""
+        self._file.log(entity, *parts, static=static, strict=True)
+        if (viewer := self._viewer) is not None:
+            self._to_viewer(lambda: viewer.log(entity, *parts, static=static))
+
+    def send_columns(self, entity: str, indexes: Iterable[Any], columns: Iterable[Any]) -> None:
+        """Rows of an entity."""
+        indexes, columns = list(indexes), list(columns)
+        self._file.send_columns(entity, indexes, columns, strict=True)
+        if (viewer := self._viewer) is not None:
+            self._to_viewer(lambda: viewer.send_columns(entity, indexes, columns))
+
+    def send_property(self, name: str, values: Any) -> None:
+        """One row for the whole run."""
+        self._file.send_property(name, values)
+
+    def flush(self) -> None:
+        """Wait until everything is written.
+
+        Raises:
+            OutputError: it cannot be written; the streams are closed then.
+        """
+        if (viewer := self._viewer) is not None:
+            self._to_viewer(lambda: viewer.flush(timeout_sec=FLUSH_TIMEOUT))
+        try:
+            self._file.flush(timeout_sec=FLUSH_TIMEOUT)
+        except RuntimeError as error:
+            self._file.disconnect()
+            raise OutputError(self._failure()) from error
+
+    def close(self) -> None:
+        """Finish the file.
+
+        Raises:
+            OutputError: it is not complete.
+        """
+        if self._viewer is not None:
+            self._viewer.disconnect()
+        self._file.disconnect()
+        # The footer is written on disconnecting, when nobody is told of a full disk.
+        with self._path.open("rb") as file:
+            file.seek(-min(64, self._path.stat().st_size), os.SEEK_END)
+            if _FOOTER not in file.read():
+                raise OutputError(self._failure())
+
+    def _to_viewer(self, action: Callable[[], None]) -> None:
+        """A viewer that was closed, or never opened, ends the showing, not the run."""
+        try:
+            action()
+        except (RuntimeError, OSError) as error:
+            logging.getLogger(__name__).warning("the viewer is gone, the recording goes on: %s", error)
+            self._viewer = None
+
+    def _free_bytes(self) -> int:
+        disk = os.statvfs(self._path.parent)
+        return disk.f_bavail * disk.f_frsize
+
+    def _failure(self, what: str = "the recording is incomplete") -> str:
+        free = self._free_bytes()
+        cause = f"the disk is full ({free} bytes free)" if free < ROOM else "writing failed"
+        return f"{self._path}: {what}: {cause}"
