@@ -168,9 +168,7 @@ def _first_echo(distances: Array, directions: Array, normals: Array, reach: floa
     for i in range(len(distances)):
         distance = distances[i]
         if 0.0 <= distance <= reach and distance < first:
-            cosine = abs(
-                directions[i, 0] * normals[i, 0] + directions[i, 1] * normals[i, 1] + directions[i, 2] * normals[i, 2]
-            )
+            cosine = abs(directions[i, 0] * normals[i, 0] + directions[i, 1] * normals[i, 1] + directions[i, 2] * normals[i, 2])
             if cosine >= min_cosine:
                 first = distance
     return first
