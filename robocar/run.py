@@ -6,11 +6,13 @@ import hashlib
 import json
 import os
 import shutil
+import sys
 import time as wall
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -19,9 +21,11 @@ import yaml
 from robocar.core import SE2, Array, Context, Goal, Mapper, OutputError, ScenarioError, frozen_array
 from robocar.core.randomness import stream
 from robocar.core.solids import Box, Cylinder, Solid
+from robocar.estimation.no_mapper import NoMapper
 from robocar.estimation.odometry import OdometryEstimator
 from robocar.fingerprint import fingerprint, versions
 from robocar.formats import Trajectory, save_ros_map, write_tum
+from robocar.map_watch import MapWatch, decided, explores, map_metrics
 from robocar.metrics import Metric, RunLog, summarize
 from robocar.navigation import Episode, Progress, Rules, navigate
 from robocar.recording import NullRecorder, Recorder, Scenery
@@ -174,8 +178,11 @@ def _run(
     }
     if isinstance(parts["estimator"], PoseOracle):
         parts["estimator"].connect(car.ground_truth)
-    goal = scene.goal
-    recorder = _recorder(files, scenario, scene, car, chosen, seed, goal, live) if files and record else NullRecorder()
+    exploring = explores(parts["navigator"], parts["mapper"])
+    goal = None if exploring else scene.goal
+    recorder: Recorder = _recorder(files, scenario, scene, car, chosen, seed, goal, live) if files and record else NullRecorder()
+    if not isinstance(recorder, NullRecorder) and not isinstance(parts["mapper"], NoMapper):
+        recorder = MapWatch(recorder, scene, car.robot)
     started = wall.perf_counter()
     episode = navigate(
         car,
@@ -189,7 +196,8 @@ def _run(
         progress,
     )
     wall_time = wall.perf_counter() - started  # of the loop: building the world does not count
-    result = _result(episode, scenario, scene, car, chosen, seed, wall_time)
+    result = _result(episode, scenario, scene, car, chosen, seed, goal, wall_time)
+    result.metrics.update(map_metrics(parts["mapper"], scene, car.robot, result.truth.poses, exploring))
     recorder.close(result.summary())
     if files is not None:
         result = _file(files, result, parts["mapper"])
@@ -273,6 +281,7 @@ def _result(
     car: Simulation,
     chosen: Mapping[str, str],
     seed: int,
+    goal: Goal | None,
     wall_time: float,
 ) -> RunResult:
     ticks = episode.ticks
@@ -300,7 +309,7 @@ def _result(
         grid=scene.true_grid,
         footprint=car.robot.footprint,
         start=scene.start,
-        goal=scene.goal,
+        goal=goal,
         wall_time=wall_time,
     )
     return RunResult(
@@ -394,7 +403,7 @@ def _file(files: RunDirectory, result: RunResult, mapper: Mapper) -> RunResult:
         write_tum(files.path / f"{name}.tum", trajectory.times, trajectory.poses)
     grid = mapper.grid()
     if grid is not None:
-        save_ros_map(grid, files.path / "map")
+        save_ros_map(decided(grid), files.path / "map")
     if result.traceback:
         (files.path / "error.txt").write_text(result.traceback)
     (files.path / "metrics.json").write_text(json.dumps(result.summary(), indent=1) + "\n")
@@ -402,3 +411,13 @@ def _file(files: RunDirectory, result: RunResult, mapper: Mapper) -> RunResult:
     return RunResult(
         **{name: getattr(result, name) for name in RunResult.__dataclass_fields__ if name != "directory"}, directory=directory
     )
+
+
+class _CallableModule(ModuleType):
+    """`import robocar.run` puts this module where the function `robocar.run` of the API stands: calling either is the same."""
+
+    def __call__(self, *args: Any, **keywords: Any) -> RunResult:
+        return run(*args, **keywords)
+
+
+sys.modules[__name__].__class__ = _CallableModule

@@ -1,0 +1,105 @@
+"""Parts as somebody else may write them: simple ones, and ones that go wrong. Chosen as `broken_parts:<factory>`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from robocar.core import SE2, STOP, Belief, Context, Done, Drive, GiveUp, Points, Scalar, Serial, Twist
+
+BEFORE = 5  # ticks that go well
+
+
+@dataclass(frozen=True)
+class Parameters:
+    speed: float = 0.3
+
+
+class Scripted:
+    """A navigator that answers by the number of the tick."""
+
+    def __init__(self, answer: Callable[[int], Any]) -> None:
+        self._answer, self._tick = answer, -1
+
+    def reset(self, rng: np.random.Generator) -> None:
+        self._tick = -1
+
+    def command(self, belief: Any, mapper: Any, observation: Any, goal: Any) -> Any:
+        self._tick += 1
+        return self._answer(self._tick)
+
+
+def _then(make: Callable[[], Any]) -> Callable[[Context], Scripted]:
+    """Stands still for some ticks, then does this."""
+    return lambda context: Scripted(lambda tick: STOP if tick < BEFORE else make())
+
+
+def _raise(error: BaseException) -> Any:
+    raise error
+
+
+def straight(context: Context) -> Scripted:
+    speed = context.parameters_of(Parameters).speed
+    return Scripted(lambda tick: Drive(Twist(speed)))
+
+
+def spin(context: Context) -> Scripted:
+    return Scripted(lambda tick: Drive(Twist(0.0, 0.5)))
+
+
+def still(context: Context) -> Scripted:
+    return Scripted(lambda tick: STOP)
+
+
+done = _then(lambda: Done("seen all"))
+give_up = _then(lambda: GiveUp("walled in", "stuck"))
+nan = _then(lambda: Drive(Twist(math.nan, 0.0)))
+nan_pan = _then(lambda: Drive(Twist(), pan=math.inf))
+raises = _then(lambda: _raise(ZeroDivisionError("no way to divide")))
+exits = _then(lambda: _raise(SystemExit(0)))
+none = _then(lambda: None)
+tuple_of_speeds = _then(lambda: (0.1, 0.2))
+serial_number = _then(lambda: Serial(5))  # type: ignore[arg-type]
+no_trace = _then(lambda: Drive(Twist(), trace=None))  # type: ignore[arg-type]
+odd_trace = _then(lambda: Drive(Twist(), trace={"what": 5}))  # type: ignore[dict-item]
+word_scalar = _then(lambda: Drive(Twist(), trace={"what": Scalar("much")}))  # type: ignore[arg-type]
+undrawable = _then(lambda: Drive(Twist(), trace={"what": Points(np.zeros(3))}))
+
+
+class Estimator:
+    """An estimator that answers by the number of the tick."""
+
+    def __init__(self, answer: Callable[[int], Any]) -> None:
+        self._answer, self._tick = answer, -1
+
+    def reset(self, rng: np.random.Generator) -> None:
+        self._tick = -1
+
+    def update(self, observation: Any, command: Any) -> Any:
+        self._tick += 1
+        return self._answer(self._tick)
+
+
+def _estimates(make: Callable[[], Any]) -> Callable[[Context], Estimator]:
+    return lambda context: Estimator(lambda tick: Belief(SE2()) if tick < BEFORE else make())
+
+
+estimator_raises = _estimates(lambda: _raise(RuntimeError("lost")))
+estimator_nan = _estimates(lambda: Belief(SE2(math.nan, 0.0, 0.0)))
+estimator_none = _estimates(lambda: None)
+
+
+def at_goal(context: Context) -> Estimator:
+    """Believes to be where the short scenario's goal is."""
+    return Estimator(lambda tick: Belief(SE2(1.2, 0.4)))
+
+
+def factory_raises(context: Context) -> Scripted:
+    raise OSError("no licence")
+
+
+no_factory = 5
