@@ -75,7 +75,7 @@ def streamline(potential: Potential, start: ArrayLike, max_step: float = 0.5) ->
         return line
     # what is left of the way on cells: the last point's cell and its neighbours are convex in pairs
     rest = descend(potential, (math.floor(line[-1, 1]), math.floor(line[-1, 0])))[1:]
-    return np.concatenate([line, rest[:, ::-1] + 0.5])
+    return np.concatenate([line, rest[:, ::-1] + 0.5], dtype=float)
 
 
 def _fields(potential: Potential) -> tuple[Array, NDArray[np.int32]]:
