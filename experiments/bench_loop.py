@@ -19,9 +19,21 @@ from robocar.sim import simulation
 
 SCENARIO = "corridors"
 CASES = {
-    "front sonars, odometry, a-star": {"navigator": "a-star", "estimator": "odometry", "settings": {"robot.lidar": "none", "robot.sonars": "front"}},
-    "front sonars, odometry, dynamic-a-star": {"navigator": "dynamic-a-star", "estimator": "odometry", "settings": {"robot.lidar": "none", "robot.sonars": "front"}},
-    "laser (360 beams), odometry, a-star": {"navigator": "a-star", "estimator": "odometry", "settings": {"robot.lidar": "scan360", "robot.sonars": "front"}},
+    "front sonars, odometry, a-star": {
+        "navigator": "a-star",
+        "estimator": "odometry",
+        "settings": {"robot.lidar": "none", "robot.sonars": "front"},
+    },
+    "front sonars, odometry, dynamic-a-star": {
+        "navigator": "dynamic-a-star",
+        "estimator": "odometry",
+        "settings": {"robot.lidar": "none", "robot.sonars": "front"},
+    },
+    "laser (360 beams), odometry, a-star": {
+        "navigator": "a-star",
+        "estimator": "odometry",
+        "settings": {"robot.lidar": "scan360", "robot.sonars": "front"},
+    },
 }
 SECONDS = 60.0
 

@@ -1,14 +1,14 @@
 """Wheel radius and effective track of the skid-steered car, from straights, arcs, turns on the spot and driven squares.
 
-The wheels of a skid-steered car slip sideways when it turns, so that it turns less than its geometric track would have it. What the experiment
-measures as with a tape and a protractor (the true motion), it divides by what the encoders counted:
+The wheels of a skid-steered car slip sideways when it turns, so that it turns less than its geometric track would have it.
+What the experiment measures as with a tape and a protractor (the true motion), it divides by what the encoders counted:
 
     wheel radius      r = distance / mean wheel angle                  on straights
     effective track   b = r (right - left wheel angle) / turn          on arcs of each curvature and on the spot
 
-as means over cars with different tyres and wheels. Driven squares, clockwise and counter-clockwise, are the test (UMBmark: Borenstein and
-Feng, Measurement and Correction of Systematic Odometry Errors in Mobile Robots, 1996): the distance between the pose that odometry believes at
-the end and the true one, before (nominal radius, geometric track) and after.
+as means over cars with different tyres and wheels. Driven squares, clockwise and counter-clockwise, are the test (UMBmark:
+Borenstein and Feng, Measurement and Correction of Systematic Odometry Errors in Mobile Robots, 1996): the distance between
+the pose that odometry believes at the end and the true one, before (nominal radius, geometric track) and after.
 
 A full run writes `models/robocar/calibration.yaml`, which the firmware and odometry read.
 """
@@ -48,7 +48,7 @@ def car(seed: int) -> Simulation:
 
 
 def drive(simulation: Simulation, twist: Twist, seconds: float) -> tuple[float, float, float, float]:
-    """Keeps a twist after a second of settling; returns way [m], turn [rad], and the angles of the left and right wheels [rad]."""
+    """Keeps a twist after a second of settling; way [m], turn [rad], and the angles of the left and right wheels [rad]."""
     period = simulation.control_period
     for _ in range(round(1.0 / period)):
         simulation.sense()
@@ -153,7 +153,8 @@ def main(out: Path, quick: bool = False) -> None:
             ("on the spot" if c == SPIN else f"{c:g}", f"{t:.4f}", f"{s.std(ddof=1):.4f}")
             for (c, t), s in zip(table, tracks, strict=True)
         ],
-        f"Wheel radius {radius * 1000:.2f} mm (spread {radii.std(ddof=1) * 1000:.3f} mm), geometric track {geometric_track():.3f} m.",
+        f"Wheel radius {1000 * radius:.2f} mm (spread {1000 * radii.std(ddof=1):.3f} mm), "
+        f"geometric track {geometric_track():.3f} m.",
     )
     report.table(
         ("", "systematic error after a 1.5 m square [m]"),

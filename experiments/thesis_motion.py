@@ -1,7 +1,7 @@
 """Utomo 2015, Tables 4.6 and 4.7: each motion command ten times, how far the car really goes and turns.
 
-The thesis' car knows its encoders only; ours is measured so, and once more with the compass that the thesis misses. Each repetition is another
-car: tyres and wheel radii differ within their tolerances.
+The thesis' car knows its encoders only; ours is measured so, and once more with the compass that the thesis misses. Each
+repetition is another car: tyres and wheel radii differ within their tolerances.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Utomo 2015, Figs 4.4-4.8 and Table 4.8: Dynamic A* on the field, among obstacles that the car does not know.
 
-Four ways of sensing: a car that turns 360 degrees in each cell to see all sides (the thesis') and one with sonars on its sides, each with its pose from
-above (the thesis' top camera, here the pose oracle), from the encoders alone, and from encoders and compass. Table 4.8 asks, cell by cell along the path, how
-many cells the car is off where it believes to be.
+Four ways of sensing: a car that turns 360 degrees in each cell to see all sides (the thesis') and one with sonars on its
+sides, each with its pose from above (the thesis' top camera, here the pose oracle), from the encoders alone, and from
+encoders and compass. Table 4.8 asks, cell by cell along the path, how many cells the car is off where it believes to be.
 """
 
 from __future__ import annotations
@@ -85,7 +85,13 @@ def main(out: Path, quick: bool = False) -> None:
         tag = f"{sensing.replace(' ', '_')}/{pose}"
         values = {name: _mean(reached, name) for name in ("duration", "path_length", "replans", "min_clearance", "position_rmse")}
         report.number(f"{tag}/success_rate", len(reached) / len(runs), "1", 1.0 if (sensing, pose) == ("spin", "truth") else None)
-        for name, unit in (("duration", "s"), ("path_length", "m"), ("replans", "1"), ("min_clearance", "m"), ("position_rmse", "m")):
+        for name, unit in (
+            ("duration", "s"),
+            ("path_length", "m"),
+            ("replans", "1"),
+            ("min_clearance", "m"),
+            ("position_rmse", "m"),
+        ):
             report.number(f"{tag}/{name}", values[name], unit)
         report.number(f"{tag}/cells_off_max", max(by_cell), "1", max(THESIS_CELL_ERRORS) if pose == "odometry" else None)
         report.number(f"{tag}/cells_off_share", off, "1")

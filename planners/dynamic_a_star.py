@@ -1,19 +1,21 @@
 """Dynamic A* of the HBE-Robocar (thesis, eq. 2.44, sections 2.6, 3.5, 4.3 and 4.4).
 
-The floor is a lattice of 30 cm cells. The car drives from cell centre to cell centre along the A* path; whenever its sonars find that a cell is
-blocked, the cell is marked and the path is planned again from where the car is. With sonars that look only forward it turns 360 degrees in
-each cell it has not looked around in yet; with sonars on its sides it does not need to.
+The floor is a lattice of 30 cm cells. The car drives from cell centre to cell centre along the A* path; whenever its sonars
+find that a cell is blocked, the cell is marked and the path is planned again from where the car is. With sonars that look
+only forward it turns 360 degrees in each cell it has not looked around in yet; with sonars on its sides it does not need to.
 
-What the thesis leaves open is decided here. Echoes are gathered on a fine grid, because the echo of a 15 degree cone does not say where on its arc
-the surface is: later readings that look farther through the same place take it back. A cell is blocked when an obstacle lies where the car would be
-while turning on its centre, a step when one lies where the car would drive, so the footprint never touches what is known. Diagonal steps
-need both cells beside them free, and are driven around the corner where something stands between the four cells.
+What the thesis leaves open is decided here. Echoes are gathered on a fine grid, because the echo of a 15 degree cone does
+not say where on its arc the surface is: later readings that look farther through the same place take it back. A cell is
+blocked when an obstacle lies where the car would be while turning on its centre, a step when one lies where the car would
+drive, so the footprint never touches what is known. Diagonal steps need both cells beside them free, and are driven around
+the corner where something stands between the four cells.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -33,19 +35,17 @@ from robocar.core import (
     Drive,
     GiveUp,
     Goal,
-    GridMap,
     Lines,
     Mapper,
     Observation,
     OccupancyGrid,
-    PlanningError,
     Plan,
+    PlanningError,
     Points,
     Robot,
     Scalar,
     Scan,
     Text,
-    Trace,
     Twist,
     wrap_angle,
 )
@@ -66,7 +66,8 @@ class Parameters:
         cell_size: of the lattice [m].
         margin: room that the footprint keeps [m]; given up where no way is left with it.
         prior_tolerance: an echo this near to what the prior shows (its edge included) is that, seen from a drifted pose [m].
-        hit_range: echoes from farther away are not marked [m]; free_range: nor is what lies before them taken back beyond this [m].
+        hit_range: echoes from farther away are not marked [m]; free_range: nor is what lies before them taken back beyond
+            this [m].
         speed: from cell to cell [m/s]; turn_rate: on the spot [rad/s].
     """
 
@@ -106,7 +107,8 @@ def _mark_cone(
 ) -> None:
     """One echo on the fine grid; all lengths in fine cells, angles in the grid's frame.
 
-    Cells in the middle of the arc gain evidence, nearer ones lose more. The echo came from somewhere on the arc; what was marked wrongly
+    Cells in the middle of the arc gain evidence, nearer ones lose more. The echo came from somewhere on the arc; what was
+    marked wrongly
     is taken back by the readings next to it, which look past it: together they leave the surface that explains all of
     them (a morphological closing of the ranges by the cone).
     """
@@ -174,7 +176,7 @@ def _way_blocked(
 
 
 class ObstacleMemory:
-    """What the car knows of obstacles: the prior map, and echoes since; a fine grid in the lattice's frame that grows as needed."""
+    """What the car knows of obstacles: the prior map, and echoes since, on a fine grid that grows as needed."""
 
     def __init__(
         self, world_from_lattice: SE2, extent: tuple[float, float], prior: OccupancyGrid | None, tolerance: float
@@ -187,7 +189,7 @@ class ObstacleMemory:
             self.resolution = prior.resolution / split
             known = (prior.occupied | prior.unknown).repeat(split, axis=0).repeat(split, axis=1)
             outside = np.pad(known, 1, constant_values=True)
-            room = distance_transform_edt(~outside)[1:-1, 1:-1] * self.resolution
+            room = np.asarray(distance_transform_edt(~outside))[1:-1, 1:-1] * self.resolution
             self._evidence = np.where(known, _PRIOR, np.where(room <= tolerance, _EXPLAINED, 0)).astype(np.int8)
         else:
             rows, cols = (max(1, math.ceil(side / FINE)) for side in reversed(extent))
@@ -461,8 +463,8 @@ class DynamicAStar:
     def _search_clear_legs(self, start: tuple[int, int], end: tuple[int, int]) -> tuple[Plan, list[Array]]:
         """The path between two cells on which the car can also drive from each centre to the next.
 
-        Cells are free where the car can turn; what stands between two of them shows up only when a path uses both. The cell behind such
-        a leg is then taken as blocked, and the search repeated.
+        Cells are free where the car can turn; what stands between two of them shows up only when a path uses both. The cell
+        behind such a leg is then taken as blocked, and the search repeated.
 
         Raises:
             PlanningError: there is none.
@@ -486,7 +488,7 @@ class DynamicAStar:
         lattice, memory = self._lattice, self._memory
         assert lattice is not None and memory is not None
         way = [points[0]]
-        for here, there in zip(points[:-1], points[1:], strict=True):
+        for here, there in pairwise(points):
             if memory.way_blocked(here, there, self._half_width, 0.0):
                 (r0, c0), (r1, c1) = self._cell(here), self._cell(there)
                 corners = [np.array(lattice.centre(cell)) for cell in ((r0, c1), (r1, c0)) if r0 != r1 and c0 != c1]

@@ -1,7 +1,7 @@
 """Mobile-robot navigation in MuJoCo physics without ROS.
 
-The stable API: `robocar.run(scenario, navigator=..., estimator=..., seed=..., out=None)` returns a `RunResult`; `robocar.simulate(scenario)`
-gives the physics alone. Both are imported when first used, so that `import robocar` stays light.
+The stable API: `robocar.run(scenario, navigator=..., estimator=..., seed=..., out=None)` returns a `RunResult`;
+`robocar.simulate(scenario)` gives the physics alone. Both are imported when first used, so that `import robocar` stays light.
 """
 
 from importlib import import_module

@@ -28,7 +28,8 @@ def versions() -> dict[str, str]:
 def fingerprint() -> str:
     """Short hash: equal fingerprints promise equal run hashes, others do not.
 
-    Over the versions, the machine's architecture, the processor features that numeric libraries choose their code by, and the renderer.
+    Over the versions, the machine's architecture, the processor features that numeric libraries choose their code by, and
+    the renderer.
     """
     features = ""
     cpuinfo = Path("/proc/cpuinfo")

@@ -42,18 +42,19 @@ def map_scenario(name: str, resolution: float | None, start: str | None, goal: s
         drawn = load_text_grid(path, 1.0 if resolution is None else resolution)
         points["start"] = points["start"] or drawn.start
         points["goal"] = points["goal"] or drawn.goal
+    numbers: dict[str, list[float]] = {}
     for what, value in points.items():
         if value is None:
             raise ScenarioError(f"{name}: a map needs --{what} X,Y")
-        points[what] = _numbers(value, what) if isinstance(value, str) else [float(v) for v in value]
-    start_pose = (points["start"] + [0.0])[:3]
-    distance = math.dist(start_pose[:2], points["goal"][:2])
+        numbers[what] = _numbers(value, what) if isinstance(value, str) else [float(v) for v in value]
+    start_pose = [*numbers["start"], 0.0][:3]
+    distance = math.dist(start_pose[:2], numbers["goal"][:2])
     return {
         "name": path.name.partition(".")[0],
         "map": str(path.resolve()),
         "resolution": resolution,
         "start": start_pose,
-        "goal": points["goal"],
+        "goal": numbers["goal"],
         # Far longer than a straight drive takes: ways through mazes are long.
         "time_limit": round(120.0 + 30.0 * distance),
     }

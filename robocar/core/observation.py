@@ -65,8 +65,8 @@ class Scan:
 class Image:
     """A picture, (height, width, 3) uint8 RGB, with its pinhole intrinsics (3, 3) [px] and robot_from_camera (4, 4).
 
-    The camera's frame is OpenCV's: x right, y down, z ahead. A camera that is not on the robot (the top camera) has world_from_camera
-    in `robot_from_camera`'s place.
+    The camera's frame is OpenCV's: x right, y down, z ahead. A camera that is not on the robot (the top camera) has
+    world_from_camera in `robot_from_camera`'s place.
     """
 
     time: float

@@ -53,8 +53,9 @@ class RangeSensor:
 class Calibration:
     """What the experiment `odometry_calibration` identifies.
 
-    The wheels of a skid-steered car slip sideways: its effective track is wider than its geometric one and depends on how tightly it
-    turns, so it is a function of the curvature omega / v. Positions in between are interpolated, those beyond are held.
+    The wheels of a skid-steered car slip sideways: its effective track is wider than its geometric one and depends on how
+    tightly it turns, so it is a function of the curvature omega / v. Positions in between are interpolated, those beyond are
+    held.
 
     Args:
         wheel_radius: effective rolling radius [m].

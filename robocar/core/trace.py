@@ -1,7 +1,8 @@
 """What planners and estimators want to be seen: values that the recording knows how to draw.
 
 Algorithms are silent; they return a `Trace`, a mapping from names to the drawables below, and `robocar.recording` shows each
-at `world/plan/<name>` (positions are in the map frame) or in the time series and the log. A new algorithm needs no new drawing code.
+at `world/plan/<name>` (positions are in the map frame) or in the time series and the log. A new algorithm needs no new
+drawing code.
 """
 
 from __future__ import annotations

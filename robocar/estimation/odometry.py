@@ -1,8 +1,8 @@
 """Dead reckoning from wheel encoders, alone or with a compass.
 
-Thesis, eq. 3.1-3.5: pulses become distances of the left and the right wheels, their mean is the distance travelled and their difference
-over the track is the turn (the thesis counts clockwise positive; REP-103 counts counter-clockwise: theta = (r - l) / track). The track is the *effective*
-one of a skid-steered car, see `Calibration`.
+Thesis, eq. 3.1-3.5: pulses become distances of the left and the right wheels, their mean is the distance travelled and their
+difference over the track is the turn (the thesis counts clockwise positive; REP-103 counts counter-clockwise: theta = (r -
+l) / track). The track is the *effective* one of a skid-steered car, see `Calibration`.
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ class OdometryParameters:
     """
     Args:
         distance_std: of the distance per square root of the metre driven [m].
-        turn_std: of the turn per square root of the radian turned [rad]; drift_std: of the heading per square root of the metre [rad].
+        turn_std: of the turn per square root of the radian turned [rad]; drift_std: of the heading per square root of the
+            metre [rad].
     """
 
     distance_std: float = 0.005

@@ -147,7 +147,7 @@ class Simulation:
         """What is new at this tick."""
         time = self.data.time
         self._look()
-        new = {name: channel.poll(time) for name, channel in self._single.items()}
+        new: dict[str, Any] = {name: channel.poll(time) for name, channel in self._single.items()}
         compass = new.get("compass")
         if compass is not None:
             self.firmware.compass(compass.value)
