@@ -58,7 +58,7 @@ def _run(
     from robocar.console import progress_bar
     from robocar.map_scenario import is_map, map_scenario
     from robocar.run import run
-    from robocar.scenario import parse_setting
+    from robocar.scenario import find_scenario, parse_setting
 
     settings = dict(parse_setting(text) for text in set)
     source: Any = scenario
@@ -70,6 +70,7 @@ def _run(
             if source is not scenario:
                 settings.setdefault(option, source[option])  # so that every start and goal has its run directory
             else:
+                find_scenario(scenario)  # a name that leads nowhere is the greater mistake
                 _fail(f"--{option} goes with a map file; in a scenario use --set {option}=…")
     if any(":" in name for name in (navigator, estimator, mapper) if name):
         sys.path.append(str(Path.cwd()))  # a planner's module may lie where the command is typed
