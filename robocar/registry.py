@@ -64,6 +64,13 @@ NAVIGATORS: dict[str, Entry] = {
     "a-star": _follow("a_star", "shortest grid path, followed by pure pursuit", "Hart, Nilsson and Raphael 1968"),
     "theta-star": _follow("theta_star", "any-angle path, followed by pure pursuit", "Daniel, Nash, Koenig and Felner 2010"),
     "d-star-lite": _follow("d_star_lite", "replans incrementally, followed by pure pursuit", "Koenig and Likhachev 2002"),
+    "explore": Entry(
+        "planners.explore:build",
+        "drives to frontiers until the map is complete; needs a mapper and ignores the goal",
+        "Yamauchi 1997",
+        parts=("planners.a_star:build", "planners.pure_pursuit:build"),
+        parameters=("planners.explore:Parameters", "planners.a_star:Parameters", "planners.pure_pursuit:Parameters"),
+    ),
 }
 
 ESTIMATORS: dict[str, Entry] = {
@@ -80,10 +87,32 @@ ESTIMATORS: dict[str, Entry] = {
         "Utomo 2015, section 5.2",
         parameters=("robocar.estimation.odometry:OdometryParameters",),
     ),
+    "particle-filter": Entry(
+        "robocar.estimation.particle_filter:build",
+        "Monte Carlo localization by the balls that the camera sees; finds itself when lost or carried off",
+        "Utomo 2015, section 3.5; Thrun, Burgard and Fox 2005, Table 8.3",
+        parameters=(
+            "robocar.estimation.particle_filter:FilterParameters",
+            "robocar.estimation.motion_models:MotionParameters",
+            "robocar.estimation.balls:BallParameters",
+        ),
+    ),
 }
 
 MAPPERS: dict[str, Entry] = {
     "none": Entry("robocar.estimation.no_mapper:build", "draws no map"),
+    "laser": Entry(
+        "robocar.estimation.mapping:build_laser",
+        "occupancy grid from the laser, in log-odds",
+        "Utomo 2015, sections 2.7, 4.5",
+        parameters=("robocar.estimation.mapping:Parameters",),
+    ),
+    "sonar": Entry(
+        "robocar.estimation.mapping:build_sonar",
+        "occupancy grid from the sonars, in log-odds",
+        "Utomo 2015, sections 2.7, 4.6",
+        parameters=("robocar.estimation.mapping:Parameters",),
+    ),
 }
 
 _BY_PATH = "given as package.module:factory"

@@ -1,0 +1,173 @@
+"""Inverse sensor models: what one range reading says about the cells of a log-odds grid.
+
+Moravec and Elfes, High Resolution Maps from Wide Angle Sonar (1985); Thrun, Burgard and Fox, Probabilistic Robotics (2005),
+section 9.2: l(cell) += log p / (1 - p) with p the probability of occupancy given this reading alone; a cell that no reading has
+touched has exactly l = 0.
+
+All lengths are in cells and all angles in the grid's frame. A reading changes each cell at most once, however many beams pass it:
+beams of one scan are no independent looks at the same cell. `stamp` (rows, cols) uint8 holds `mark` where that has happened.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+NEVER_SEEN = np.float32(0.0)
+_NUDGE = np.float32(1e-6)  # what a sum that comes to exactly 0 becomes: it has been seen
+_SURFACE = 0.5  # [cells] behind the echo: the cell of the obstacle, not the one before it, whichever way the noise goes
+
+
+@njit(cache=True)
+def _add(log_odds: NDArray, row: int, col: int, change: float, low: float, high: float) -> None:
+    value = np.float32(min(max(log_odds[row, col] + change, low), high))
+    log_odds[row, col] = value if value != NEVER_SEEN else _NUDGE
+
+
+@njit(cache=True)
+def update_laser(
+    log_odds: NDArray, stamp: NDArray, mark: int, x: float, y: float, theta: float, ranges: NDArray, bearings: NDArray,
+    max_range: float, hit_range: float, silent_range: float, hit: float, miss: float, low: float, high: float,
+) -> None:  # fmt: skip
+    """One scan: ends of beams are occupied, what they passed is free; a cell that is both is occupied.
+
+    A beam without return (inf) is free up to `silent_range`, one that ends beyond `hit_range` up to there; beams that are lost
+    (nan), negative, or beyond `max_range` say nothing.
+
+    Args:
+        x, y, theta: the sensor's pose.
+        ranges: (n,), bearings: in the sensor's frame, (n,) [rad].
+        hit, miss: changes of the log-odds, miss < 0; low, high: their bounds.
+    """
+    rows, cols = log_odds.shape
+    for i in range(len(ranges)):
+        reading = ranges[i]
+        if not (0.0 <= reading <= min(hit_range, max_range)):
+            continue
+        angle = theta + bearings[i]
+        if not math.isfinite(angle):
+            continue
+        row = math.floor(y + (reading + _SURFACE) * math.sin(angle))
+        col = math.floor(x + (reading + _SURFACE) * math.cos(angle))
+        if 0 <= row < rows and 0 <= col < cols and stamp[row, col] != mark:
+            stamp[row, col] = mark
+            _add(log_odds, row, col, hit, low, high)
+    for i in range(len(ranges)):
+        reading = ranges[i]
+        angle = theta + bearings[i]
+        if not (math.isfinite(angle) and (0.0 <= reading <= max_range or reading == math.inf)):
+            continue
+        reach = min(silent_range, max_range) if reading == math.inf else min(reading, hit_range)
+        dx, dy = math.cos(angle), math.sin(angle)
+        col, row = math.floor(x), math.floor(y)
+        last_col, last_row = math.floor(x + reach * dx), math.floor(y + reach * dy)
+        step_col, step_row = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
+        delta_x = abs(1.0 / dx) if dx != 0.0 else math.inf
+        delta_y = abs(1.0 / dy) if dy != 0.0 else math.inf
+        next_x = abs(col + (step_col > 0) - x) * delta_x if dx != 0.0 else math.inf
+        next_y = abs(row + (step_row > 0) - y) * delta_y if dy != 0.0 else math.inf
+        # The end's own cell is left alone: the echo came from its far border or from the next cell.
+        steps = abs(last_col - col) + abs(last_row - row)
+        for _ in range(steps):
+            if 0 <= row < rows and 0 <= col < cols and stamp[row, col] != mark:
+                stamp[row, col] = mark
+                _add(log_odds, row, col, miss, low, high)
+            if (next_x < next_y and col != last_col) or row == last_row:
+                col += step_col
+                next_x += delta_x
+            else:
+                row += step_row
+                next_y += delta_y
+
+
+@njit(cache=True)
+def update_sonar(
+    log_odds: NDArray, stamp: NDArray, mark: int, x: float, y: float, axis: float, reading: float, half_width: float,
+    hit_range: float, silent_range: float, hit: float, miss: float, silent_miss: float, solid: float, low: float, high: float,
+) -> None:  # fmt: skip
+    """One reading: somewhere on the arc at its range stands something, and inside the cone before it nothing does.
+
+    The echo's evidence is shared among the cells of the arc by how likely each of them sent it: a bell over the angle (Moravec
+    and Elfes) times the odds that the map gives the cell so far (Thrun, Learning Occupancy Grid Maps with Forward Sensor
+    Models, 2003: the expected responsibilities of his E-step). So an arc that crosses free space and a known wall makes the
+    wall surer, and nothing else.
+
+    Free space is believed less towards the rim and towards the arc (Moravec and Elfes, E_a and E_r). A surface at grazing
+    incidence sends no echo back: a farther one may answer, or none. So the cone ends, ray by ray, at cells that the map knows
+    to be occupied (log-odds above `solid`), and silence (inf) is weak evidence, up to `silent_range` only.
+
+    Args:
+        x, y: the sensor's place; axis: of the cone; reading: range of the echo, inf for none.
+        hit: log-odds that the arc's cells share; miss, silent_miss: of a cell on the axis at the sensor.
+    """
+    rows, cols = log_odds.shape
+    echo = reading <= hit_range
+    if reading == math.inf:
+        reach, change = silent_range, silent_miss
+    else:
+        reach, change = min(reading, hit_range), miss
+    rays = 3 + int(4.0 * half_width * reach)  # half a cell apart at their ends
+    if echo:
+        cells = np.empty((rays, 2), dtype=np.int64)
+        shares = np.empty(rays)
+        n, total = 0, 0.0
+        for k in range(rays):
+            offset = half_width * (2.0 * k / (rays - 1) - 1.0)
+            row = math.floor(y + (reading + _SURFACE) * math.sin(axis + offset))
+            col = math.floor(x + (reading + _SURFACE) * math.cos(axis + offset))
+            if not (0 <= row < rows and 0 <= col < cols) or stamp[row, col] == mark:
+                continue
+            stamp[row, col] = mark
+            cells[n, 0], cells[n, 1] = row, col
+            bell = max(1.0 - (offset / half_width) ** 2, 0.05) if half_width > 0.0 else 1.0
+            shares[n] = bell * math.exp(log_odds[row, col])
+            total += shares[n]
+            n += 1
+        for k in range(n):
+            _add(log_odds, cells[k, 0], cells[k, 1], hit * shares[k] / total, low, high)
+    for k in range(rays):
+        # From the axis outwards, so that a cell near the sensor, where all rays pass, counts as what it is on the axis.
+        side = 1.0 if k % 2 == 0 else -1.0
+        offset = side * half_width * ((k + 1) // 2) / (rays // 2)
+        angular = 1.0 - (offset / half_width) ** 2 if half_width > 0.0 else 1.0
+        dx, dy = math.cos(axis + offset), math.sin(axis + offset)
+        steps = int(2.0 * reach)
+        for i in range(steps):
+            distance = 0.5 * (i + 0.5)
+            row, col = math.floor(y + distance * dy), math.floor(x + distance * dx)
+            if not (0 <= row < rows and 0 <= col < cols):
+                break
+            known = log_odds[row, col] > solid
+            if stamp[row, col] != mark:
+                stamp[row, col] = mark
+                radial = 1.0 - (distance / reach) ** 2
+                _add(log_odds, row, col, change * angular * radial, low, high)
+            if known:
+                break
+
+
+@njit(cache=True)
+def update_disc(log_odds: NDArray, x: float, y: float, radius: float, miss: float, low: float, high: float) -> None:
+    """Where the robot stands, nothing else does: the cells whose centres lie within `radius` are free."""
+    rows, cols = log_odds.shape
+    for row in range(max(0, math.floor(y - radius)), min(rows, math.floor(y + radius) + 1)):
+        for col in range(max(0, math.floor(x - radius)), min(cols, math.floor(x + radius) + 1)):
+            if math.hypot(col + 0.5 - x, row + 0.5 - y) <= radius:
+                _add(log_odds, row, col, miss, low, high)
+
+
+@njit(cache=True)
+def write_percent(
+    log_odds: NDArray, percent: NDArray, undecided_low: float, undecided_high: float, r0: int, r1: int, c0: int, c1: int
+) -> None:
+    """Occupancy in percent of rows r0 to r1 and columns c0 to c1 (excluded); -1 where never seen or between the two bounds."""
+    for row in range(r0, r1):
+        for col in range(c0, c1):
+            value = log_odds[row, col]
+            if value == NEVER_SEEN or undecided_low < value < undecided_high:
+                percent[row, col] = -1
+            else:
+                percent[row, col] = round(100.0 / (1.0 + math.exp(-value)))
