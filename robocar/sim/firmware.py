@@ -41,7 +41,8 @@ class FirmwareParameters:
         blocked_time: a command is given up when the wheels have lagged this long [s].
         bumped_time: a straight one ahead also when the bumper has been pressed this long [s]: wheels slip before they stall.
         heading_gain: turning rate for a heading error, with a compass [1/s].
-        heading_tolerance: a turn with a compass is corrected until it is this good [rad].
+        compass_readings: that are averaged at rest; heading_tolerance: larger errors than this are corrected then: three standard
+            deviations of the difference of two such means, so that noise alone turns nothing [rad].
     """
 
     period: float = 0.01
@@ -53,7 +54,8 @@ class FirmwareParameters:
     blocked_time: float = 1.0
     bumped_time: float = 0.2
     heading_gain: float = 1.5
-    heading_tolerance: float = math.radians(0.3)
+    compass_readings: int = 10
+    heading_tolerance: float = math.radians(0.55)
 
 
 @dataclass(slots=True)
@@ -168,7 +170,7 @@ class Firmware:
     def compass(self, heading: float) -> None:
         """A new compass reading [rad]."""
         self._headings.append(heading)
-        del self._headings[:-5]
+        del self._headings[: -self.parameters.compass_readings]
 
     def bumper(self, pressed: bool) -> None:
         """A new reading of the bumper."""
@@ -255,7 +257,7 @@ class Firmware:
             return Twist(rate, correction)
         motion.speed = 0.0
         motion.resting = motion.resting + p.period if max(map(abs, errors)) <= 1.5 * self._pulse else 0.0
-        if motion.resting >= p.settle_time + (0.25 if motion.heading is not None else 0.0):
+        if motion.resting >= p.settle_time + (0.05 * p.compass_readings if motion.heading is not None else 0.0):
             self._settle(motion)
         return Twist()
 
