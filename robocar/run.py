@@ -221,7 +221,7 @@ def _simulation(scene: Scene, seed: int) -> Simulation:
         scene.world(),
         start=scene.start,
         seed=seed,
-        fit_out=FitOut(robot.sonars, robot.lidar, robot.compass, robot.camera, robot.top_camera),
+        fit_out=FitOut(robot.sonars, robot.lidar, robot.compass, robot.camera, robot.top_camera, robot.camera_pan),
         sensors=robot.sensors,
         physics=robot.physics,
         clearance=scene.clearance,

@@ -40,13 +40,14 @@ _LIDARS = {
 
 @dataclass(frozen=True, slots=True)
 class FitOut:
-    """Which sensors the car carries."""
+    """Which sensors the car carries; the camera looks ahead (`fixed`), or from side to side (`sweep`) where no command turns it."""
 
     sonars: Sonars = "front"
     lidar: Lidar = "none"
     compass: bool = False
     camera: bool = False
     top_camera: bool = False
+    camera_pan: Literal["fixed", "sweep"] = "fixed"
 
 
 def car_spec(fit_out: FitOut) -> mujoco.MjSpec:

@@ -44,6 +44,7 @@ from robocar.sim.sensors import (
 
 World: TypeAlias = mujoco.MjSpec
 _WHEELS = ("front_left", "rear_left", "front_right", "rear_right")
+_SWEEP_ANGLE, _SWEEP_RATE = 1.3, 1.2  # [rad] to either side, [rad/s]
 _CONTACT_CHECK_DISTANCE = 0.05  # [m] nothing nearer at a tick's start: no contact is possible before the next one
 
 
@@ -116,6 +117,7 @@ class Simulation:
         self._volts_per_speed, self._ohms = _motor_constants(self.model, motor.id)
         self._motors = [self.model.actuator(f"{car.PREFIX}{name}_motor").id for name in _WHEELS]
         self._pan = self.model.actuator(car.PREFIX + "pan").id if fit_out.camera else None
+        self._sweeps = fit_out.camera_pan == "sweep"
         self._hull = self.model.geom(car.PREFIX + "hull").id
         self._warnings = self.data.warning.number  # a view: looking names up is slow
         self._clearance = clearance
@@ -174,6 +176,8 @@ class Simulation:
             self._apply(self._voltages)
             for mover in self._movers:
                 mover.drive(self.data)
+            if self._sweeps and self._pan is not None and command.pan is None:
+                self.data.ctrl[self._pan] = _sweep(self.data.time)
             mujoco.mj_step(self.model, self.data, self._physics_steps)
             if near and not self._contact:
                 self._contact = self._touching()
@@ -371,6 +375,12 @@ def _set_options(world: mujoco.MjSpec, timestep: float) -> None:
     world.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     # Softer across the contact than into it: tyres creep under load instead of sticking and slipping in turns.
     world.option.impratio = 0.1
+
+
+def _sweep(time: float) -> float:
+    """Pan angle of a camera that looks from side to side at constant speed, from the middle to the left first [rad]."""
+    phase = (time * _SWEEP_RATE / _SWEEP_ANGLE + 1.0) % 4.0
+    return _SWEEP_ANGLE * (phase - 1.0 if phase < 2.0 else 3.0 - phase)
 
 
 def _motor_constants(model: mujoco.MjModel, actuator: int) -> tuple[float, float]:
