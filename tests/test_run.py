@@ -448,8 +448,8 @@ class TestFaults:
         ("keywords", "error", "message"),
         [
             ({"navigator": "dynamic-astar"}, UnknownNameError, r"did you mean 'dynamic-a-star'\?\); known: a-star, "),
-            ({"estimator": "odometer"}, UnknownNameError, "known: odometry, odometry-compass, truth"),
-            ({"mapper": "x"}, UnknownNameError, "unknown mapper 'x'; known: none"),
+            ({"estimator": "odometer"}, UnknownNameError, r"known: .*odometry, odometry-compass, "),
+            ({"mapper": "x"}, UnknownNameError, r"unknown mapper 'x'; known: .*none"),
             ({"navigator": "broken_parts:no_factory"}, UnknownNameError, "no function or class 'no_factory'"),
             ({"navigator": "no_such_module:build"}, UnknownNameError, "there is no module 'no_such_module'"),
             ({"settings": {"navigator.sped": 1}}, ParameterError, "has no parameter 'sped'"),

@@ -28,6 +28,11 @@ class WheelOdometry:
         self.twist = Twist()
         self._history: deque[tuple[float, WheelAngles]] = deque(maxlen=_WINDOW)
 
+    @property
+    def counting(self) -> bool:
+        """Whether a reading has come yet."""
+        return bool(self._history)
+
     def update(self, time: float, angles: WheelAngles) -> SE2:
         """Moves on to a new reading of the encoders and returns the step: robot_from_next_robot."""
         radius = self._calibration.wheel_radius
@@ -101,6 +106,8 @@ class OdometryEstimator:
             step = self._wheels.update(reading.time, reading.value)
             self._twist = self._wheels.twist
             return step
+        if self._wheels.counting:  # between two readings: the next one brings all of the way
+            return SE2()
         if observation.odom_pose is not None:
             pose = observation.odom_pose.value
             step = self._last_odom.inverse() @ pose if self._last_odom is not None else SE2()
