@@ -38,6 +38,7 @@ Integer: TypeAlias = int | np.signedinteger[Any]
 # the axes k and (k + 1) % 4.
 ROW_STEPS = np.array([0, 1, 0, -1, 1, 1, -1, -1], dtype=np.int64)
 COL_STEPS = np.array([1, 0, -1, 0, 1, -1, -1, 1], dtype=np.int64)
+STEP_LENGTHS = np.hypot(ROW_STEPS, COL_STEPS)  # [cells]
 
 
 def padded(costmap: Costmap) -> NDArray[np.uint8]:

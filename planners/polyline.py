@@ -16,7 +16,8 @@ from robocar.core import INSCRIBED, Array
 def nearest_on_path(points: Array, segment: int, x: float, y: float, window: float) -> tuple[int, float, float]:
     """The point of the path (n, 2) nearest to (x, y), from `segment` on and at most `window` along the path ahead.
 
-    The window keeps a path that comes back near itself from being cut short.
+    The window keeps a path that comes back near itself from being cut short. It begins at the point of `segment` nearest to
+    (x, y), so that a segment longer than the window can be left too.
 
     Returns:
         Its segment, its share of that segment in [0, 1], and its distance, in the unit of the points.
@@ -35,7 +36,7 @@ def nearest_on_path(points: Array, segment: int, x: float, y: float, window: flo
         distance = math.hypot(points[i, 0] + share * dx - x, points[i, 1] + share * dy - y)
         if distance < best:
             best, best_segment, best_share = distance, i, share
-        ahead += math.sqrt(squared)
+        ahead += (1.0 - share if i == segment else 1.0) * math.sqrt(squared)
         if ahead > window:
             break
     return best_segment, best_share, best

@@ -14,9 +14,22 @@ from numba import njit
 from numpy.typing import NDArray
 
 from planners.a_star import AStar
-from planners.grid_search import COL_STEPS, ROW_STEPS, Integer, doubled, endpoints, no_path, padded, search_trace
+from planners.grid_search import (
+    CELL_SCALE,
+    COL_STEPS,
+    ROW_STEPS,
+    STEP_LENGTHS,
+    Integer,
+    doubled,
+    endpoints,
+    no_path,
+    padded,
+    search_trace,
+)
 from planners.line_of_sight import polyline_cost, pull_taut, segment_cost
 from robocar.core import INSCRIBED, Array, Context, Costmap, Path, Plan
+
+_ROUNDING = 1.0 + 1e-12  # of two equal costs that were added up in different ways, which one is lower means nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,9 +123,15 @@ def _search(
             v = r * width + c
             if not free or order[v] >= 0:
                 continue
+            around = g[u] + STEP_LENGTHS[d] * (1.0 + (np.float64(cost[row, col]) + cost[r, c]) / CELL_SCALE)
             # Path 2 of the paper: straight from the parent, in free space never dearer than path 1, across dear cells sometimes.
-            straight = g[p] + segment_cost(cost, p_col + 0.5, p_row + 0.5, c + 0.5, r + 0.5)
-            around = g[u] + segment_cost(cost, col + 0.5, row + 0.5, c + 0.5, r + 0.5)
+            # The segment is walked only where that can matter: not where v hangs on this parent already, nor where even a free
+            # segment, which costs its length, would be too dear.
+            straight = math.inf
+            if g[v] == math.inf or parent[v] != p:
+                least = g[p] + math.hypot(r - p_row, c - p_col)
+                if least < g[v] and least <= around * _ROUNDING:
+                    straight = g[p] + segment_cost(cost, p_col + 0.5, p_row + 0.5, c + 0.5, r + 0.5)
             through = min(straight, around)
             if through >= g[v]:
                 continue
@@ -120,7 +139,7 @@ def _search(
                 opened[n_opened] = v
                 n_opened += 1
             g[v] = through
-            parent[v] = p if straight <= around else u
+            parent[v] = p if straight <= around * _ROUNDING else u
             if size == len(keys):
                 keys, nodes = doubled(keys), doubled(nodes)
             _push(keys, nodes, size, through + weight * math.hypot(r - goal_row, c - goal_col), v)
