@@ -46,6 +46,7 @@ from robocar.core import (
 )
 from robocar.core.trace import PLAN_COLOR
 
+_SAME = 0.3  # [m] frontiers that are nearer to each other than this are one that has changed
 _LOCAL = layered.Parameters(walled=False)
 
 
@@ -58,7 +59,8 @@ class Parameters:
         loyalty: how much longer the way to the frontier chosen before may be than that to another one [m].
         frontier_tolerance: it counts as gone to from this near [m].
         look_time: to look at a frontier from its viewpoint, before it is given up as nothing that can be seen [s].
-        patience: without getting 0.1 m nearer to a frontier, before it is given up [s].
+        patience: without moving by `required_movement_radius` [m] towards a frontier, before it is given up [s].
+        margin: of the ways around the inscribed circle, given up where nothing else is left to be explored [m].
         window: half the side of the costmap that the path follower sees [m].
     """
 
@@ -68,11 +70,13 @@ class Parameters:
     frontier_tolerance: float = 0.12
     look_time: float = 1.0
     patience: float = 6.0
+    required_movement_radius: float = 0.2
+    margin: float = 0.03
     window: float = 1.5
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
-            zero_is_fine = name in ("loyalty", "look_time", "decision_period")
+            zero_is_fine = name in ("loyalty", "margin", "look_time", "decision_period")
             value = getattr(self, name)
             if not (math.isfinite(value) and (value > 0 or (zero_is_fine and value == 0))):
                 raise ValueError(f"{name} must be {'not negative' if zero_is_fine else 'positive'}, not {value}")
@@ -87,8 +91,8 @@ class _Errand:
     path: Path
     points: Array  # of the path, (n, 2) [m]
     segment: int
-    nearest: float  # that the robot has come [m]
-    since: float  # when it last came 0.1 m nearer [s]
+    place: Array  # of the robot when it last had moved on (2,) [m]
+    since: float  # and the time [s]
     arrived: float | None = None  # when it began to look [s]
 
 
@@ -155,8 +159,8 @@ class Explore:
         if self._known(grid, errand.spot):
             return time - self._decided >= min(0.2, p.decision_period)
         distance = math.dist(pose.position, errand.goal.position)
-        if distance < errand.nearest - 0.1:
-            errand.nearest, errand.since = distance, time
+        if math.dist(pose.position, errand.place) >= p.required_movement_radius:
+            errand.place, errand.since = pose.position, time
         turn = math.remainder((errand.goal.heading or 0.0) - pose.theta, math.tau)
         there = distance <= errand.goal.xy_goal_tolerance and abs(turn) <= errand.goal.yaw_goal_tolerance
         if there and errand.arrived is None:
@@ -171,31 +175,52 @@ class Explore:
 
     def _decide(self, grid: OccupancyGrid, pose: SE2, time: float) -> Trace:
         """Chooses the next errand, or none."""
-        costmap, open_ends = self._costmap(grid), grid.unknown
+        open_ends = grid.unknown
         for cell in self._given_up:
             row, col = self._cell(grid, cell)
             if 0 <= row < grid.shape[0] and 0 <= col < grid.shape[1]:
                 open_ends[row, col] = False
-        start = _free_start(costmap, pose)
         last, self._errand = self._errand, None
-        if start is None:
-            return {}
-        frontiers = find_frontiers(costmap, open_ends, costmap.cell_inside(start), self.parameters.min_frontier_cells)
-        ranked = sorted(frontiers, key=lambda frontier: self._rank(grid, frontier, last))
         self._decisions += 1
-        for frontier in ranked:
-            errand = self._go_to(grid, costmap, start, pose, frontier, time)
-            if errand is not None:
-                if last is not None and math.dist(last.spot, errand.spot) < 0.3:
-                    errand.nearest, errand.since = min(last.nearest, errand.nearest), last.since
-                self._errand = errand
+        frontiers: list[Frontier] = []
+        for margin in (self.parameters.margin, 0.0):  # squeezing through only where there is nothing else to do
+            costmap = self._costmap(grid, margin)
+            start = _free_start(costmap, pose)
+            if start is not None:
+                cell = costmap.cell_inside(start)
+                frontiers = find_frontiers(costmap, open_ends, cell, self.parameters.min_frontier_cells)
+                self._errand = self._choose(grid, costmap, start, pose, frontiers, last, time)
+            if self._errand is not None:
                 break
         return self._trace(grid, frontiers)
 
-    def _rank(self, grid: OccupancyGrid, frontier: Frontier, last: _Errand | None) -> float:
-        """Cost of the way [m], less for the frontier that is being gone to."""
-        same = last is not None and np.min(np.linalg.norm(grid.world_from_cell(frontier.cells) - last.spot, axis=1)) < 0.3
-        return frontier.cost - (self.parameters.loyalty if same else 0.0)
+    def _choose(
+        self,
+        grid: OccupancyGrid,
+        costmap: Costmap,
+        start: Array,
+        pose: SE2,
+        frontiers: list[Frontier],
+        last: _Errand | None,
+        time: float,
+    ) -> _Errand | None:
+        """The errand to the frontier with the cheapest way, loyalty counted; the last one goes on if it is that."""
+
+        def same(frontier: Frontier) -> bool:
+            if last is None:
+                return False
+            return bool(np.min(np.linalg.norm(grid.world_from_cell(frontier.cells) - last.spot, axis=1)) < _SAME)
+
+        ranked = sorted(frontiers, key=lambda f: f.cost - (self.parameters.loyalty if same(f) else 0.0))
+        for frontier in ranked:
+            if last is not None and same(frontier) and not self._known(grid, last.spot) and not self._blocked(last, pose):
+                return last
+            errand = self._go_to(grid, costmap, start, pose, frontier, time)
+            if errand is not None:
+                if last is not None and math.dist(last.spot, errand.spot) < _SAME:
+                    errand.place, errand.since = last.place, last.since
+                return errand
+        return None
 
     def _go_to(
         self, grid: OccupancyGrid, costmap: Costmap, start: Array, pose: SE2, frontier: Frontier, time: float
@@ -209,7 +234,7 @@ class Explore:
         heading = math.atan2(spot[1] - viewpoint[1], spot[0] - viewpoint[0])
         # The follower stops at a share of the tolerance.
         goal = Goal(viewpoint, heading, self.parameters.frontier_tolerance / STOPPING_SHARE, 0.4)
-        return _Errand(spot, goal, Path(points), np.array(points), 0, math.dist(pose.position, viewpoint), time)
+        return _Errand(spot, goal, Path(points), np.array(points), 0, pose.position, time)
 
     def _give_up(self, grid: OccupancyGrid, spot: Array) -> None:
         """The unknown cells around a spot are not gone to again."""
@@ -228,9 +253,9 @@ class Explore:
 
     # -- what is known ----------------------------------------------------------------------------------------------------
 
-    def _costmap(self, grid: OccupancyGrid) -> Costmap:
-        """Where the robot can go: not into the unknown, which may well be come near."""
-        inflated = inflate(grid, self._radius, _LOCAL)
+    def _costmap(self, grid: OccupancyGrid, margin: float) -> Costmap:
+        """Where the robot can go with a margin [m] around it: not into the unknown, which may well be come near."""
+        inflated = inflate(grid, self._radius + margin, _LOCAL)
         costs = np.where(grid.unknown, np.uint8(NO_INFORMATION), inflated.data)
         return Costmap(costs, grid.resolution, grid.origin)
 
@@ -280,7 +305,7 @@ class Explore:
         data = np.zeros((4, 4), dtype=np.int8)
         data[:, 3] = -1
         grid = OccupancyGrid(data, 1.0)
-        find_frontiers(self._costmap(grid), grid.unknown, (0, 0))
+        find_frontiers(self._costmap(grid, 0.0), grid.unknown, (0, 0))
         nearest_on_path(np.array([[0.5, 0.5], [1.5, 0.5]]), 0, 0.0, 0.0, 1.0)
 
 
@@ -293,5 +318,9 @@ def _free_start(costmap: Costmap, pose: SE2) -> Array | None:
 
 
 def build(context: Context, planner: Callable[[Context], GlobalPlanner], follower: Callable[[Context], PurePursuit]) -> Explore:
-    """`explore`, of the factories of a global planner and of a path follower."""
-    return Explore(context.robot, planner(context), follower(context), context.parameters_of(Parameters))
+    """`explore`, of the factories of a global planner and of a path follower.
+
+    The follower keeps more room than in a world that is known: walls are seen to a few centimetres.
+    """
+    careful = replace(context, parameters={"footprint_padding": 0.03} | context.parameters)
+    return Explore(context.robot, planner(context), follower(careful), context.parameters_of(Parameters))
