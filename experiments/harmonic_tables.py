@@ -156,7 +156,8 @@ def _draw(out: Path, curves: dict[str, NDArray[np.float64]]) -> None:
     out.mkdir(parents=True, exist_ok=True)
     figure, axes = plt.subplots(figsize=(8, 5))
     for name, changes in curves.items():
-        axes.semilogy(np.arange(1, len(changes) + 1), np.maximum(changes, 1e-17), label=name, lw=1)
+        seen = np.flatnonzero(np.isfinite(changes))
+        axes.semilogy(seen + 1, changes[seen], label=name, lw=1)
     axes.set(xlabel="iteration", ylabel="largest change", title="convergence at the smallest N", xscale="log")
     axes.legend(fontsize=6, ncol=2)
     figure.savefig(out / "convergence.png", dpi=130)

@@ -1,7 +1,8 @@
 """The paper's iterations: full-, half-, quarter- and octo-sweep Jacobi, Gauss-Seidel and SOR (Saudi and Sulaiman, eqs 10 to 15).
 
 Nodes are visited in two colours instead of row by row: the updates of a colour do not depend on each other, so they run on
-vectors and threads, and the result depends on neither. The rate of convergence is the same (consistent ordering; Young 1954).
+vectors, and several iterations pass over the rows together. The rate of convergence is the same (consistent ordering; Young
+1954).
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import eigh_tridiagonal
 
@@ -24,6 +25,9 @@ from robocar.core import Array, BudgetExhausted, ParameterError
 
 REACHABLE = 1e-15
 """Smallest change in an iteration that over-relaxation in doubles reaches next to the goal, where w is near 1."""
+
+UNWATCHED = 19
+"""Iterations between two looks at the largest change."""
 
 Iteration = Literal["jacobi", "gauss-seidel", "sor"]
 
@@ -37,7 +41,7 @@ class Sweeps:
         iterations: k of the paper's table 1.
         seconds: t of table 1, iterations and direct steps.
         omega: the weight that was used.
-        changes: largest change of any node in each iteration, (iterations,).
+        changes: largest change of any node in each iteration, nan where it was not looked at, (iterations,).
     """
 
     potential: Potential
@@ -180,26 +184,19 @@ def _iterate(lattice: Lattice, omega: float, jacobi: bool, tolerance: float, max
     layers = np.zeros((2, rows, cols // 2 + 2))
     goal_layer = goal_row % 2 if rotated else (goal_row + goal_col) % 2
     layers[goal_layer, goal_row, goal_col // 2] = 1.0
-    iteration = _iteration_parallel if rows * cols > 400_000 else _iteration_serial
+    where = (packing.odd, packing.spans, packing.span_start, packing.singles, packing.single_start, rotated, omega)
     changes: list[float] = []
+    last = math.inf
     while len(changes) < max_iterations:
-        source = layers.copy() if jacobi else layers
-        changes.append(
-            iteration(
-                layers,
-                source,
-                packing.odd,
-                packing.spans,
-                packing.span_start,
-                packing.singles,
-                packing.single_start,
-                rotated,
-                omega,
-            )
-        )
-        if changes[-1] <= tolerance:
+        # far from the end only every twentieth change is looked at; small lattices converge too fast for that
+        if not jacobi and last > 10 * tolerance and max_iterations - len(changes) > UNWATCHED and lattice.state.size > 40_000:
+            _iterations(layers, *where, UNWATCHED)
+            changes += [math.nan] * UNWATCHED
+        last = float(_watched_iteration(layers, layers.copy() if jacobi else layers, *where))
+        changes.append(last)
+        if last <= tolerance:
             return _unpack(layers, lattice.state, odd, rotated), np.array(changes)
-    raise BudgetExhausted(f"the largest change is {changes[-1]:.1e} after {max_iterations} iterations, not yet {tolerance}")
+    raise BudgetExhausted(f"the largest change is {last:.1e} after {max_iterations} iterations, not yet {tolerance}")
 
 
 @njit(cache=True)
@@ -244,9 +241,16 @@ def _unpack(layers, state, odd, rotated):
     return values
 
 
-@njit(cache=True, fastmath={"nnan", "nsz"})
+@njit(cache=True)
 def _update_run(target, a, b, c, d, quarter, keep):
-    """u <- (omega / 4) (sum of the four arms) + (1 - omega) u (eqs 13 to 15); the largest change."""
+    """u <- (omega / 4) (sum of the four arms) + (1 - omega) u (eqs 13 to 15)."""
+    for k in range(len(target)):
+        target[k] = quarter * ((a[k] + b[k]) + (c[k] + d[k])) + keep * target[k]
+
+
+@njit(cache=True)
+def _update_run_watched(target, a, b, c, d, quarter, keep):
+    """The same, and the largest change. It cannot be vectorised and takes four times as long."""
     largest = 0.0
     for k in range(len(target)):
         value = quarter * ((a[k] + b[k]) + (c[k] + d[k])) + keep * target[k]
@@ -256,7 +260,7 @@ def _update_run(target, a, b, c, d, quarter, keep):
 
 
 @njit(cache=True)
-def _update_row(layers, source, layer, r, odd, spans, span_start, singles, single_start, rotated, omega):
+def _update_row(layers, source, layer, r, odd, spans, span_start, singles, single_start, rotated, omega, watch):
     quarter, keep = 0.25 * omega, 1.0 - omega
     target = layers[layer, r]
     other = source[1 - layer]
@@ -266,12 +270,13 @@ def _update_row(layers, source, layer, r, odd, spans, span_start, singles, singl
         b, e = spans[s, 0], spans[s, 1]
         left, right = slice(b - 1 + shift, e - 1 + shift), slice(b + shift, e + shift)
         if rotated:
-            up, down = other[r - 1], other[r + 1]
-            change = _update_run(target[b:e], up[left], up[right], down[left], down[right], quarter, keep)
+            ends = (other[r - 1][left], other[r - 1][right], other[r + 1][left], other[r + 1][right])
         else:
-            middle = other[r]
-            change = _update_run(target[b:e], other[r - 1][b:e], other[r + 1][b:e], middle[left], middle[right], quarter, keep)
-        largest = max(largest, change)
+            ends = (other[r - 1][b:e], other[r + 1][b:e], other[r][left], other[r][right])
+        if watch:
+            largest = max(largest, _update_run_watched(target[b:e], ends[0], ends[1], ends[2], ends[3], quarter, keep))
+        else:
+            _update_run(target[b:e], ends[0], ends[1], ends[2], ends[3], quarter, keep)
     for s in range(single_start[layer, r], single_start[layer, r + 1]):
         k, arms = singles[s, 0], singles[s, 1]
         total = 0.0
@@ -290,22 +295,25 @@ def _update_row(layers, source, layer, r, odd, spans, span_start, singles, singl
 
 
 @njit(cache=True)
-def _iteration_serial(layers, source, odd, spans, span_start, singles, single_start, rotated, omega):
+def _watched_iteration(layers, source, odd, spans, span_start, singles, single_start, rotated, omega):
+    """One iteration, and its largest change."""
     largest = 0.0
     for layer in range(2):
         for r in range(1, layers.shape[1] - 1):
-            change = _update_row(layers, source, layer, r, odd, spans, span_start, singles, single_start, rotated, omega)
+            change = _update_row(layers, source, layer, r, odd, spans, span_start, singles, single_start, rotated, omega, True)
             largest = max(largest, change)
     return largest
 
 
-@njit(cache=True, parallel=True)
-def _iteration_parallel(layers, source, odd, spans, span_start, singles, single_start, rotated, omega):
+@njit(cache=True)
+def _iterations(layers, odd, spans, span_start, singles, single_start, rotated, omega, count):
+    """Several iterations in one pass over the rows, each colour one row behind the other before it: the rows stay in the cache.
+
+    A row is updated when the other colour's rows above, beside and below have just been, as if each colour had been done alone.
+    """
     rows = layers.shape[1]
-    change = np.zeros(rows)
-    for layer in range(2):
-        for r in prange(1, rows - 1):
-            change[r] = max(
-                change[r], _update_row(layers, source, layer, r, odd, spans, span_start, singles, single_start, rotated, omega)
+    for front in range(1, rows - 2 + 2 * count):
+        for half in range(max(0, front - rows + 2), min(2 * count, front)):
+            _update_row(
+                layers, layers, half % 2, front - half, odd, spans, span_start, singles, single_start, rotated, omega, False
             )
-    return change.max()

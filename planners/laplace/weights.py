@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from planners.laplace.levels import Level, outside
 from robocar.core import Array
 
-PARALLEL_SIZE = 20_000
-"""Loops over fewer nodes than this are not worth a second thread."""
+PARALLEL_SIZE = 300_000
+"""Loops over fewer nodes than this run on one thread: on a busy machine, waiting for the others costs more than they save."""
 
 CHUNKS = 32
 """Pieces of a parallel loop. Pieces write to places of their own, so their order and number change no result."""

@@ -92,6 +92,28 @@ def test_lattices_solve_their_own_equations_and_never_leak(seed, scheme, rows, c
     assert np.all(found.potential.w[~problem.unknowns] <= (found.potential.w[~problem.unknowns] == 1.0))
 
 
+def test_iterations_that_share_a_pass_are_those_done_one_by_one() -> None:
+    # large enough for the pass over several iterations; the oracle is red-black SOR on whole arrays
+    problem = walled(221)
+    found = sweep(problem, "full", "sor", omega=1.6, tolerance=1e-9)
+    u = problem.start_field()
+    rows, cols = np.indices(u.shape)
+    unknown = problem.inverse_degree > 0
+    colors = [unknown & ((rows + cols) % 2 == k) for k in (0, 1)]
+    count, change = 0, 1.0
+    while change > 1e-9:
+        old = u.copy()
+        for color in colors:
+            mean = np.zeros_like(u)
+            mean[1:-1, 1:-1] = 0.25 * (u[:-2, 1:-1] + u[2:, 1:-1] + u[1:-1, :-2] + u[1:-1, 2:])
+            u = np.where(color, 1.6 * mean - 0.6 * u, u)
+        change = np.abs(u - old).max()
+        count += 1
+    assert np.isnan(found.changes).sum() > 0.5 * count
+    assert abs(found.iterations - count) <= 1
+    np.testing.assert_allclose(found.potential.mantissa, u, atol=1e-9)
+
+
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("offset", range(4))
 def test_a_wall_one_cell_thin_holds_wherever_it_lies_on_the_lattice(scheme, offset) -> None:
