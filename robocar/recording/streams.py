@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import threading
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -88,10 +89,13 @@ class Streams:
         """
         if (viewer := self._viewer) is not None:
             self._to_viewer(lambda: viewer.flush(timeout_sec=FLUSH_TIMEOUT))
+        if self._free_bytes() < ROOM:  # while there is still room for what is under way: a writer that failed hangs
+            self._file.disconnect()
+            raise OutputError(self._failure())
         try:
             self._file.flush(timeout_sec=FLUSH_TIMEOUT)
         except RuntimeError as error:
-            self._file.disconnect()
+            threading.Thread(target=self._file.disconnect, daemon=True).start()  # may never return
             raise OutputError(self._failure()) from error
 
     def close(self) -> None:
