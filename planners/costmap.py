@@ -37,7 +37,8 @@ class Parameters:
         raytrace_max_range: beams clear up to here [m].
         prior_tolerance: hits this near to an obstacle of the prior map are its own, seen with errors of range and pose [m].
         resolution: cells are at most this large; coarser prior maps are split, up to `max_cells` cells [m].
-        free_space: around start, goal and robot, the least width of the map that grows where there is no prior [m].
+        free_space: around start, goal and all that can be seen from the robot, the width of the map that grows where there is no
+            prior, at least half of it: a way round everything seen so far [m].
     """
 
     inflation_radius: float = 0.35
@@ -112,6 +113,8 @@ class LayeredCostmap:
         self.parameters = parameters or Parameters()
         self._prior = prior
         self._inscribed_radius = robot.footprint.inscribed_radius
+        p = self.parameters
+        self._mark_reach = p.obstacle_max_range if robot.lidar is not None else p.sonar_obstacle_max_range
         self.version = 0
         self._place: GridMap | None = None
         _compile()
@@ -154,7 +157,9 @@ class LayeredCostmap:
     def update(self, pose: SE2, observation: Observation) -> bool:
         """Takes in what is seen from `pose`, the robot's in the map frame; returns whether costs have changed."""
         before = self.version
-        self.cover([(pose.x, pose.y)])
+        # Walls that ran to the edge of the map would close a room that is open beyond it.
+        reach = self._mark_reach
+        self.cover([(pose.x - reach, pose.y - reach), (pose.x + reach, pose.y + reach)])
         for scan in observation.scans:
             self._integrate(pose, scan)
         return self.version != before

@@ -164,6 +164,7 @@ def _update_vertex(
 @njit(cache=True)
 def _apply_changes(
     changed: NDArray[np.int64],
+    stale: NDArray[np.bool_],
     start: Integer,
     goal: Integer,
     km: Integer,
@@ -178,11 +179,19 @@ def _apply_changes(
 ) -> Integer:
     """Recomputes rhs where steps have changed, at the changed cells and around them; returns the heap's new size.
 
-    A changed cell is an end of its eight steps and beside four diagonal ones, all of whose ends are among its neighbours.
+    A changed cell is an end of its eight steps and beside four diagonal ones, all of whose ends are among its neighbours. Where
+    cells change side by side, as they do under an inflated obstacle, each vertex is recomputed once.
     """
     for cell in changed:
         for d in range(9):
             u = cell if d == 8 else cell + ROW_STEPS[d] * width + COL_STEPS[d]
+            stale[u] = True
+    for cell in changed:
+        for d in range(9):
+            u = cell if d == 8 else cell + ROW_STEPS[d] * width + COL_STEPS[d]
+            if not stale[u]:
+                continue
+            stale[u] = False
             if u != goal:
                 rhs[u] = _best_step(u, width, cost, g)[0]
             size = _update_vertex(u, size, start, km, width, g, rhs, keys, heap, slot)
@@ -269,7 +278,7 @@ class DStarLite:
 
     It starts over where the goal or the place of the grid changes, or too much at once (`Parameters`). `Plan.cost` is the cost
     of the steps from the start's to the goal's cell [m], the same as A*'s; `Plan.expanded` and the heat map `search` are those of
-    this replanning alone. Memory: 42 bytes a cell with the costmap that it keeps to compare.
+    this replanning alone. Memory: 43 bytes a cell with the costmap that it keeps to compare.
     """
 
     def __init__(self, parameters: Parameters | None = None) -> None:
@@ -327,6 +336,7 @@ class DStarLite:
         g, rhs = np.full(n, INFINITE), np.full(n, INFINITE)
         keys, heap, slot = np.empty((n, 2), dtype=np.int64), np.empty(n, dtype=np.int32), np.full(n, -1, dtype=np.int32)
         self._search = (g, rhs, keys, heap, slot)
+        self._stale = np.zeros(n, dtype=np.bool_)
         self._goal, self._last_start, self._km = goal, start, 0
         rhs[goal] = 0
         self._size = _update_vertex(goal, 0, start, 0, costmap.shape[1] + 2, *self._search)
@@ -343,7 +353,9 @@ class DStarLite:
         self._cost[rows + 1, cols + 1] = costmap.data[rows, cols]
         width = self._cost.shape[1]
         cells = (rows + 1) * width + cols + 1
-        self._size = _apply_changes(cells, start, self._goal, self._km, width, self._cost.ravel(), *self._search, self._size)
+        self._size = _apply_changes(
+            cells, self._stale, start, self._goal, self._km, width, self._cost.ravel(), *self._search, self._size
+        )
 
 
 def build(context: Context) -> DStarLite:

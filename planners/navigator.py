@@ -55,16 +55,20 @@ class Parameters:
         max_escape: out of blocked cells to the nearest free one, where an obstacle appears too near to plan from [m].
         clearing_distance: to drive, after all that was seen has been forgotten for want of a path, before it is forgotten again
             [m].
+        max_clearings: how often it is forgotten at most, for one goal: what has been seen that often is there.
     """
 
     max_path_deviation: float = 0.3
     max_escape: float = 0.5
     clearing_distance: float = 0.5
+    max_clearings: int = 5
 
     def __post_init__(self) -> None:
         for name in ("max_path_deviation", "max_escape", "clearing_distance"):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise ValueError(f"{name} must be positive, not {getattr(self, name)}")
+        if self.max_clearings < 0:
+            raise ValueError(f"max_clearings must not be negative, not {self.max_clearings}")
 
 
 class PlanAndFollow:
@@ -72,7 +76,7 @@ class PlanAndFollow:
 
     It plans for every new goal, and again when what is seen blocks the rest of the path or the robot has left it. Where there is
     no path, the obstacle layer, which holds misplaced echoes too, is forgotten and the plan tried again; if that fails, or if it
-    has been done less than `clearing_distance` ago, the navigator gives up with the planner's reason.
+    has been done less than `clearing_distance` ago or `max_clearings` times, the navigator gives up with the planner's reason.
     """
 
     def __init__(
@@ -103,6 +107,7 @@ class PlanAndFollow:
         self._target: Goal | None = None
         self._path: Path | None = None
         self._cleared_at: Array | None = None
+        self._clearings = 0
 
     def command(self, belief: Belief, mapper: Mapper, observation: Observation, goal: Goal | None) -> Command:
         """Next command; `GiveUp` (`no_path`) where the planner finds no way. `mapper` is not needed: the costmap is the map."""
@@ -111,6 +116,7 @@ class PlanAndFollow:
         pose = belief.pose
         new_goal = self._goal is None or not _same_goal(goal, self._goal)
         if new_goal:
+            self._clearings = 0
             self.costmap.cover(np.array([pose.position, goal.position]))
         self.costmap.update(pose, observation)
         trace: Trace = {}
@@ -160,7 +166,10 @@ class PlanAndFollow:
             here = pose.position
             if self._cleared_at is not None and math.dist(here, self._cleared_at) < self.parameters.clearing_distance:
                 raise
+            if self._clearings >= self.parameters.max_clearings:
+                raise
             self._cleared_at = here
+            self._clearings += 1
             self.costmap.clear()
             return self._plan_from_free(pose, goal)
 

@@ -235,6 +235,22 @@ def test_without_a_prior_the_grid_covers_what_it_must_and_grows_with_the_way() -
     assert not layer.costmap().same_place(first)
 
 
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_without_a_prior_a_way_leads_round_everything_that_was_seen(seed: int) -> None:
+    """Property: wherever the car was and whatever it heard, the rim of the grid is one ring of free cells."""
+    rng = np.random.default_rng(seed)
+    layer = LayeredCostmap(None, car(), Parameters())
+    pose = SE2()
+    for _ in range(30):
+        pose = pose @ SE2(rng.uniform(0.0, 0.8), 0.0, rng.uniform(-1.0, 1.0))
+        layer.update(pose, sonar(rng.uniform(0.3, 1.0)))
+    data = layer.costmap().data
+    assert len(lethal_points(layer)) > 0
+    for rim in (data[0], data[-1], data[:, 0], data[:, -1]):
+        assert (rim == 0).all()
+
+
 def test_forgetting_leaves_the_prior() -> None:
     data = np.zeros((80, 100), dtype=np.int8)
     data[10, 10] = OCCUPIED

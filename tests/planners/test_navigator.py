@@ -157,6 +157,24 @@ def test_a_new_goal_is_planned_for_at_once_and_counts_begin_anew() -> None:
     assert nav.replans == 0
 
 
+@pytest.mark.parametrize("planner", list(PLANNERS))
+def test_out_of_an_unknown_dead_end_it_comes_back(planner: str) -> None:
+    """By hand: a U of 4 x 2 m, open to the left, round the start, the goal behind it; the car has no map and must leave the U."""
+    world = field(160, 200, (2.0, 2.9, 6.1, 3.0), (2.0, 5.0, 6.1, 5.1), (6.0, 2.9, 6.1, 5.1))
+    start, goal = SE2(4.5, 4.0), Goal(np.array([7.5, 4.0]))
+    drives = drive(navigator(None, start, planner), car(), world, start, goal)
+    assert drives.status == "success"
+    assert min(pose.x for pose in drives.poses) < 2.0
+
+
+def test_where_there_is_no_way_it_says_so_in_the_end() -> None:
+    """By hand: a closed room of 2 x 2 m without a map, the goal outside. What was seen is believed after `max_clearings` times."""
+    world = field(80, 160, (1.0, 1.0, 3.1, 1.1), (1.0, 3.0, 3.1, 3.1), (1.0, 1.0, 1.1, 3.1), (3.0, 1.0, 3.1, 3.1))
+    start, goal = SE2(2.0, 2.0), Goal(np.array([6.0, 2.0]))
+    drives = drive(navigator(None, start, max_clearings=2), car(), world, start, goal, ticks=12_000)
+    assert (drives.status, drives.reason[:12]) == ("no_path", "no way from ")
+
+
 def test_off_the_path_it_plans_anew() -> None:
     nav = navigator(field(60, 100), SE2(0.5, 1.0))
     goal = Goal(np.array([4.0, 1.0]))
