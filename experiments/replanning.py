@@ -1,8 +1,8 @@
 """Replanning in physics: Dynamic A*, A* from scratch and D* Lite on the same worlds, unknown to the car in part or in whole.
 
 Thesis field, offices and warehouse come with a prior map that lacks some obstacles; the generated rooms, caves and mazes come
-with none, and each seed has its own. All three navigators carry the same sensors. The searches are compared by the cells that they
-expand; the time is that of the whole tick in which a navigator replans: marking what is seen, planning and following.
+with none, and each seed has its own. All three navigators carry the same sensors. The searches are compared by the cells that
+they expand; the time is that of the whole tick in which a navigator replans: marking what is seen, planning and following.
 """
 
 from __future__ import annotations
@@ -154,13 +154,14 @@ def main(out: Path, quick: bool = False) -> None:
             "expanded, whole run", "tick of a replan [ms]", "path [m]", "path / shortest", "time [s]",
         ),
         rows,
-        f"{len(seeds)} seeds each, pose oracle. First plan, each replan and its tick: medians over all plans; the others: means over "
-        "the runs, path and time over those that reached the goal. The shortest path is that of the inscribed disc on the true map.",
+        f"{len(seeds)} seeds each, pose oracle. First plan, each replan and its tick: medians over all plans; the others: means "
+        "over the runs, path and time over those that reached the goal. The shortest path is that of the inscribed disc on the "
+        "true map.",
     )  # fmt: skip
     report.say(
-        "Dynamic A* searches cells of 30 cm, the others cells of 5 cm (36 times as many for the same floor) with costs for nearness. "
-        "A* searches from the car and D* Lite from the goal to the car, so that a change near the car leaves most of the search valid; "
-        "where the car comes out of a dead end, most of it changes."
+        "Dynamic A* searches cells of 30 cm, the others cells of 5 cm (36 times as many for the same floor) with costs for "
+        "nearness. A* searches from the car and D* Lite from the goal to the car, so that a change near the car leaves most of the "
+        "search valid; where the car has to come out of a dead end, much of it changes."
     )
     report.write()
     _paths(out / "paths.png", worlds, grouped)

@@ -168,7 +168,7 @@ def test_out_of_an_unknown_dead_end_it_comes_back(planner: str) -> None:
 
 
 def test_where_there_is_no_way_it_says_so_in_the_end() -> None:
-    """By hand: a closed room of 2 x 2 m without a map, the goal outside. What was seen is believed after `max_clearings` times."""
+    """By hand: a closed room of 2 x 2 m without a map, the goal outside. It believes it when it has looked again."""
     world = field(80, 160, (1.0, 1.0, 3.1, 1.1), (1.0, 3.0, 3.1, 3.1), (1.0, 1.0, 1.1, 3.1), (3.0, 1.0, 3.1, 3.1))
     start, goal = SE2(2.0, 2.0), Goal(np.array([6.0, 2.0]))
     drives = drive(navigator(None, start, max_clearings=2), car(), world, start, goal, ticks=12_000)
