@@ -6,7 +6,9 @@ absorbing walls.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +17,8 @@ from planners.grid_search import LazyTrace, endpoints, no_path
 from planners.laplace.problem import LaplaceProblem, laplace_problem
 from planners.laplace.solver import REACHABLE, Potential, solve
 from planners.streamline import descend, streamline
-from robocar.core import Array, Context, Costmap, Field, Lines, NoPathFound, Path, Plan, Scalar
+from robocar.core import LETHAL, Array, Context, Costmap, Field, Lines, NoPathFound, Path, Plan, Scalar
+from robocar.core.trace import Drawable
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,8 +28,7 @@ class Parameters:
         wall_conductance: 1: walls absorb (Dirichlet, the paper's: paths down the middle); 0: they reflect (Neumann: shorter
             paths along the walls; Karnik, Dasgupta and Eswaran 2002), which needs a `leak`; in between: both.
         leak: loss in free space, in units of the conductance between two cells. It gives the potential a slope where walls do
-        not: the larger, the
-            more it falls like exp(-sqrt(leak) distance) and paths become shortest ones.
+            not: the larger, the more it falls like exp(-sqrt(leak) distance) and paths become shortest ones.
         tolerance: on |w - mean of its neighbours| / w in every cell.
         smooth: the path is a streamline; else it goes from cell to cell (the paper's gradient descent search).
         max_step: of the streamline, at most 0.5 [cells].
@@ -88,7 +90,8 @@ class Harmonic:
                 raise no_path(start, goal, cycles) if "flat" not in str(error) else error from None
             points[-1] = goal  # its cell is convex with the one before
         path = Path(points)
-        return Plan(path, path.length, cycles, _trace(potential, costmap, path))
+        shown = drawn(potential, costmap) | {"harmonic/streamline": lambda: Lines((path.points,))}
+        return Plan(path, path.length, cycles, LazyTrace(shown))
 
     def potential(self, costmap: Costmap, goal_cell: tuple[int, int]) -> tuple[Potential, int]:
         """The potential of a goal's cell (row, col), and the cycles that finding it took now."""
@@ -111,15 +114,13 @@ class Harmonic:
         return costmap.origin.transform(line * costmap.resolution)
 
 
-def _trace(potential: Potential, costmap: Costmap, path: Path) -> LazyTrace:
-    return LazyTrace(
-        {
-            "harmonic/potential": lambda: Field(costmap.with_data(_decades(potential))),
-            "harmonic/streamline": lambda: Lines((path.points,)),
-            "harmonic/residual": lambda: Scalar(potential.residual),
-            "harmonic/cycles": lambda: Scalar(len(potential.residuals)),
-        }
-    )
+def drawn(potential: Potential, costmap: Costmap) -> dict[str, Callable[[], Drawable]]:
+    """What a potential on the costmap's cells shows, made when looked at: log10 w as a heat map, and the solver's numbers."""
+    return {
+        "harmonic/potential": lambda: Field(costmap.with_data(_decades(potential))),
+        "harmonic/residual": lambda: Scalar(potential.residual),
+        "harmonic/cycles": lambda: Scalar(len(potential.residuals)),
+    }
 
 
 def _decades(potential: Potential) -> Array:
@@ -130,4 +131,16 @@ def _decades(potential: Potential) -> Array:
 
 def build(context: Context) -> Harmonic:
     """The planner with the parameters of the context."""
+    _compile()
     return Harmonic(context.parameters_of(Parameters))
+
+
+@cache
+def _compile() -> None:
+    """Compiles here, not in the control loop: a corridor is eliminated, a hall needs multigrid, then a warm start."""
+    corridor, hall, changed = np.zeros((2, 9)), np.zeros((48, 48)), np.zeros((48, 48))
+    changed[20:23, 20:23] = LETHAL
+    for smooth in (True, False):
+        planner = Harmonic(Parameters(smooth=smooth))
+        for costs in (corridor, hall, changed):
+            planner.plan(Costmap(costs, 1.0), np.array([1.5, 1.5]), np.array([len(costs.T) - 1.5, len(costs) - 0.5]))

@@ -45,7 +45,7 @@ def descend(potential: Potential, start: tuple[int, int]) -> NDArray[np.intp]:
     return cells - 1
 
 
-def streamline(potential: Potential, start: ArrayLike, max_step: float = 0.5) -> Array:
+def streamline(potential: Potential, start: ArrayLike, max_step: float = 0.5, max_length: float = math.inf) -> Array:
     """The way of steepest descent through the potential interpolated between cells.
 
     The gradient, bilinear between the cells' central differences, is followed by the midpoint rule; the step is halved where
@@ -56,9 +56,10 @@ def streamline(potential: Potential, start: ArrayLike, max_step: float = 0.5) ->
     Args:
         start: in grid coordinates, (2,) as (col, row) in cells; cell (0, 0) is the square from (0, 0) to (1, 1).
         max_step: longest step, at most 0.5 [cells].
+        max_length: it ends with the step that goes beyond [cells].
 
     Returns:
-        Points in grid coordinates, (n, 2), from `start` to the centre of the goal's cell.
+        Points in grid coordinates, (n, 2), from `start` to the centre of the goal's cell, or as far as `max_length` goes.
 
     Raises:
         OutsideMap, NoPathFound: as `descend`.
@@ -69,7 +70,9 @@ def streamline(potential: Potential, start: ArrayLike, max_step: float = 0.5) ->
     mantissa, exponent = _fields(potential)
     reflecting = not potential.problem.plain
     inverse_degree = potential.problem.inverse_degree
-    points, arrived = _streamline(mantissa, exponent, inverse_degree, reflecting, x + 1.0, y + 1.0, min(max_step, 0.5))
+    points, arrived = _streamline(
+        mantissa, exponent, inverse_degree, reflecting, x + 1.0, y + 1.0, min(max_step, 0.5), max_length
+    )
     line: Array = np.subtract(points, 1.0, dtype=float)
     if arrived:
         return line
@@ -193,11 +196,12 @@ def _rises(value, power, value2, power2):
 
 
 @njit(cache=True)
-def _streamline(mantissa, exponent, inverse_degree, reflecting, x, y, max_step):
+def _streamline(mantissa, exponent, inverse_degree, reflecting, x, y, max_step, max_length):
     points = [(x, y)]
     step = 0.5 * max_step
     detours = 0
-    while True:
+    length = 0.0
+    while length < max_length:
         r, c = math.floor(y), math.floor(x)
         if inverse_degree[r, c] == 0.0:  # the goal's cell
             points.append((c + 0.5, r + 0.5))
@@ -227,6 +231,7 @@ def _streamline(mantissa, exponent, inverse_degree, reflecting, x, y, max_step):
                 return _as_array(points), False
             x, y = c2 + 0.5, r2 + 0.5
             step = 0.5 * max_step
+        length += math.hypot(x - points[-1][0], y - points[-1][1])
         points.append((x, y))
     return _as_array(points), True
 

@@ -64,6 +64,23 @@ NAVIGATORS: dict[str, Entry] = {
     "a-star": _follow("a_star", "shortest grid path, followed by pure pursuit", "Hart, Nilsson and Raphael 1968"),
     "theta-star": _follow("theta_star", "any-angle path, followed by pure pursuit", "Daniel, Nash, Koenig and Felner 2010"),
     "d-star-lite": _follow("d_star_lite", "replans incrementally, followed by pure pursuit", "Koenig and Likhachev 2002"),
+    "harmonic": _follow(
+        "harmonic",
+        "streamline of a harmonic potential, down the middle of the way, followed by pure pursuit",
+        "Connolly, Burns and Weiss 1990; Saudi and Sulaiman",
+    ),
+    "harmonic-local": Entry(
+        "planners.harmonic_local:build",
+        "down the gradient of a harmonic potential at each tick, with no path to keep to",
+        "Connolly, Burns and Weiss 1990",
+        parameters=(
+            "planners.harmonic_local:Parameters",
+            "planners.harmonic:Parameters",
+            "planners.pure_pursuit:Parameters",
+            "planners.costmap:Parameters",
+            "planners.navigator:Parameters",
+        ),
+    ),
     "explore": Entry(
         "planners.explore:build",
         "drives to frontiers until the map is complete; needs a mapper and ignores the goal",
