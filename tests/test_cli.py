@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -329,28 +329,36 @@ def test_help_and_version_import_nothing_heavy() -> None:
         assert "robocar" in done.stdout
 
 
-def started(process: subprocess.Popen[str], out: Path, bytes_at_least: int) -> Path:
-    """Waits until the run's recording has begun to grow."""
-    for _ in range(600):
-        for file in out.glob(".*.partial/run.rrd"):
-            if file.stat().st_size > bytes_at_least:
-                return file.parent
-        if process.poll() is not None:
-            break
-        time.sleep(0.1)
-    process.kill()
-    raise AssertionError(f"the run did not get going: {process.communicate()}")
-
-
 ENDLESS = ("run", "thesis-field", "--navigator", "broken_parts:spin", "--set", "time_limit=1000000")
 
 
-def test_ctrl_c_finishes_the_files_and_exits_130(tmp_path: Path) -> None:
+@pytest.fixture
+def endless(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], Path]]:
+    """A run that has begun to write its recording, and the folder in which it writes."""
+    before = signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # a shell in the background makes its children ignore Ctrl-C
     words = command(*ENDLESS, "--out", tmp_path, "--json")
     process = subprocess.Popen(
         words, env=environment(ROOT / "tests"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )  # fmt: skip
-    started(process, tmp_path, 200_000)
+    signal.signal(signal.SIGINT, before)
+    try:
+        for _ in range(1200):
+            sizes = [file.stat().st_size for file in tmp_path.glob(".*.partial/run.rrd")]
+            if process.poll() is not None or (sizes and sizes[0] > 200_000):
+                break
+            time.sleep(0.1)
+        assert process.poll() is None, process.communicate()
+        (partial,) = tmp_path.glob(".*.partial")
+        yield process, partial
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_ctrl_c_finishes_the_files_and_exits_130(endless: tuple[subprocess.Popen[str], Path], tmp_path: Path) -> None:
+    process, _ = endless
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=120)
     assert process.returncode == 130, err
@@ -364,11 +372,11 @@ def test_ctrl_c_finishes_the_files_and_exits_130(tmp_path: Path) -> None:
     assert len(times) == len(read_tum(directory / "truth.tum").times)
 
 
-def test_a_killed_run_does_not_look_whole_and_is_readable_up_to_the_last_flush(tmp_path: Path) -> None:
-    process = subprocess.Popen(
-        command(*ENDLESS, "--out", tmp_path), env=environment(ROOT / "tests"), stderr=subprocess.PIPE, text=True
-    )
-    partial = started(process, tmp_path, 200_000)
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")  # so it is, for a run that was killed
+def test_a_killed_run_does_not_look_whole_and_is_readable_up_to_the_last_flush(
+    endless: tuple[subprocess.Popen[str], Path], tmp_path: Path
+) -> None:
+    process, partial = endless
     process.kill()
     process.communicate()
     assert [entry.name for entry in tmp_path.iterdir() if not entry.name.startswith(".")] == []
