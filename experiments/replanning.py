@@ -21,7 +21,7 @@ from matplotlib.axes import Axes
 from matplotlib.transforms import Affine2D
 
 from planners.a_star import AStar
-from robocar.core import LETHAL, Array, Costmap, OccupancyGrid, ScenarioError
+from robocar.core import LETHAL, Array, Costmap, OccupancyGrid
 from robocar.core.distance import obstacle_distance
 from robocar.experiment import Report, run_many
 from robocar.formats import save_ros_map
@@ -61,17 +61,16 @@ def generated_world(kind: str, seed: int, folder: Path) -> dict[str, Any]:
     """A scenario without a prior map; its map is written to `folder`.
 
     Start and goal are far apart, and there is a way between them that keeps `ROOM` to the walls, wide enough for cells of 30 cm.
+    Maps without two such places are drawn again.
     """
     rng = np.random.default_rng(seed)
-    if kind == "rooms":
-        grid = rooms(160, 160, rng, smallest=30, door=15)
-    elif kind == "cave":
-        grid = cave(80, 80, rng, resolution=0.10)
-    else:
-        grid = maze(25, 25, 3, rng, resolution=0.30)
+    draw = {"rooms": _rooms, "cave": _cave, "maze": _maze}[kind]
+    grid = draw(rng)
+    while (ends := far_apart(grid, rng)) is None:
+        grid = draw(rng)
+    start, goal = ends
     folder.mkdir(parents=True, exist_ok=True)
     save_ros_map(grid, folder / f"{kind}-{seed}")
-    start, goal = far_apart(grid, rng)
     return {
         "name": f"unknown-{kind}",
         "map": str((folder / f"{kind}-{seed}.yaml").resolve()),
@@ -83,22 +82,35 @@ def generated_world(kind: str, seed: int, folder: Path) -> dict[str, Any]:
     }
 
 
-def far_apart(grid: OccupancyGrid, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Start and goal (2,) [m]: of random cells with room, the two with the longest way between them.
+def _rooms(rng: np.random.Generator) -> OccupancyGrid:
+    return rooms(160, 160, rng, smallest=30, door=15)
 
-    Raises:
-        ScenarioError: there are no two.
+
+def _cave(rng: np.random.Generator) -> OccupancyGrid:
+    return cave(80, 80, rng, resolution=0.10, density=0.42)
+
+
+def _maze(rng: np.random.Generator) -> OccupancyGrid:
+    return maze(25, 25, 3, rng, resolution=0.30)
+
+
+def far_apart(grid: OccupancyGrid, rng: np.random.Generator) -> tuple[Array, Array] | None:
+    """Start and goal (2,) [m]: of `CANDIDATES` random goals with room, the one with the longest way from a random start.
+
+    None where no way is longer than the map is wide.
     """
     roomy = obstacle_distance(grid.occupied, grid.resolution) >= ROOM
     costmap = Costmap(np.where(roomy, 0, LETHAL).astype(np.uint8), grid.resolution, grid.origin)
     cells, planner = np.argwhere(roomy), AStar()
-    for _ in range(CANDIDATES if len(cells) else 0):
-        start, *goals = rng.choice(cells, CANDIDATES + 1)
-        found = [(planner.search(costmap, tuple(start.tolist()), tuple(goal.tolist())), goal) for goal in goals]
-        ways = [(search.cost, k) for k, (search, _) in enumerate(found) if search.cells is not None]
-        if ways and max(ways)[0] > 0.5 * max(grid.size):
-            return costmap.world_from_cell(start), costmap.world_from_cell(goals[max(ways)[1]])
-    raise ScenarioError("the generated map has no two places with room for the car that are far enough apart")
+    if len(cells) == 0:
+        return None
+    start, *goals = ((int(row), int(col)) for row, col in rng.choice(cells, CANDIDATES + 1))
+    searches = [planner.search(costmap, start, goal) for goal in goals]
+    ways = [-1.0 if search.cells is None else search.cost for search in searches]
+    longest = int(np.argmax(ways))
+    if ways[longest] <= max(grid.size):
+        return None
+    return costmap.world_from_cell(start), costmap.world_from_cell(goals[longest])
 
 
 def plans_of(result: RunResult) -> Plans:
@@ -160,8 +172,8 @@ def main(out: Path, quick: bool = False) -> None:
     )  # fmt: skip
     report.say(
         "Dynamic A* searches cells of 30 cm, the others cells of 5 cm (36 times as many for the same floor) with costs for "
-        "nearness. A* searches from the car and D* Lite from the goal to the car, so that a change near the car leaves most of the "
-        "search valid; where the car has to come out of a dead end, much of it changes."
+        "nearness. A* searches from the car and D* Lite from the goal to the car, so that a change near the car leaves most of "
+        "the search valid; where the car has to come out of a dead end, much of it changes."
     )
     report.write()
     _paths(out / "paths.png", worlds, grouped)
