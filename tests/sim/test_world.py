@@ -74,7 +74,8 @@ def assert_same_walls(grid: OccupancyGrid, blocked: OccupancyGrid, model, data, 
         spread = np.where(np.isinf(nudged).all(axis=0), 0.0, nudged.max(axis=0) - nudged.min(axis=0))
     clear = spread < 1e-3 * (1.0 + np.where(np.isinf(got), 0.0, got))
     assert clear.mean() > 0.9
-    np.testing.assert_allclose(got[clear], nudged[1][clear], rtol=1e-9, atol=1e-7)
+    # MuJoCo takes a frame turned by less than about 1e-7 rad for one that is not turned.
+    np.testing.assert_allclose(got[clear], nudged[1][clear], rtol=1e-6, atol=1e-6)
 
 
 @settings(max_examples=80, deadline=None)
