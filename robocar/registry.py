@@ -114,6 +114,12 @@ ESTIMATORS: dict[str, Entry] = {
             "robocar.estimation.balls:BallParameters",
         ),
     ),
+    "ekf": Entry(
+        "robocar.estimation.ekf:build",
+        "extended Kalman filter by the balls that the camera sees",
+        "Thrun, Burgard and Fox 2005, Table 7.2",
+        parameters=("robocar.estimation.ekf:KalmanParameters", "robocar.estimation.motion_models:MotionParameters"),
+    ),
 }
 
 MAPPERS: dict[str, Entry] = {

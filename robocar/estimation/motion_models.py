@@ -87,9 +87,11 @@ def sample_odometry(
 
 @njit(cache=True)
 def sample_velocity(
-    particles: Array, v: float, omega: float, dt: float, alphas: tuple[float, float, float, float], noise: Array
+    particles: Array, v: float, omega: float, dt: float, alphas: tuple[float, float, float, float], noise: Array, scales: Array
 ) -> None:
     """Moves particles (n, 3) along arcs: v [m/s] and omega [rad/s] for dt [s], and a final turn, with noise (n, 3) of variance 1.
+
+    Each particle has its own opinion of what share of v and of omega the robot really does: `scales` (n, 2).
 
     Thesis, eq. 2.39; Thrun, Burgard and Fox 2005, Table 5.3, with the variances of the module's table; those of a turn go half to
     omega and half to the final turn gamma.
@@ -101,8 +103,8 @@ def sample_velocity(
     s_way = math.sqrt(a3 * way + a4 * turn)
     s_turn = math.sqrt(0.5 * (a1 * turn + a2 * way))
     for i in range(len(particles)):
-        length = v * dt + s_way * noise[i, 0]
-        angle = omega * dt + s_turn * noise[i, 1]
+        length = scales[i, 0] * v * dt + s_way * noise[i, 0]
+        angle = scales[i, 1] * omega * dt + s_turn * noise[i, 1]
         heading = particles[i, 2]
         # The chord of the arc: its length is sinc(angle / 2) of the arc's, half the turn to the side.
         half = 0.5 * angle
@@ -113,13 +115,22 @@ def sample_velocity(
 
 
 def propagate(covariance: Array, pose: SE2, step: SE2, alphas: Alphas) -> Array:
-    """Covariance (3, 3) of world_from_robot after a step, to first order: the odometry model's, for Kalman filters."""
+    """Covariance after a step, to first order, with the odometry model's noise: for Kalman filters.
+
+    Args:
+        covariance: of x, y, theta and of the scales of way and turn, which do not change, (5, 5).
+        pose: world_from_robot before the step; step: robot_from_next_robot, by the scales that are believed in.
+    """
     rot1, trans, rot2 = turn_move_turn(step.x, step.y, step.theta)
     spreads = np.array(_spreads(rot1, trans, rot2, alphas))
     heading = pose.theta + rot1
     c, s = math.cos(heading), math.sin(heading)
-    by_pose = np.array([[1.0, 0.0, -trans * s], [0.0, 1.0, trans * c], [0.0, 0.0, 1.0]])
-    by_noise = np.array([[-trans * s, c, 0.0], [trans * c, s, 0.0], [1.0, 0.0, 1.0]])
+    by_pose = np.eye(5)
+    by_pose[:2, 2] = -trans * s, trans * c
+    by_pose[:2, 3] = trans * c, trans * s
+    by_pose[:3, 4] = -0.5 * step.theta * trans * s, 0.5 * step.theta * trans * c, step.theta
+    by_noise = np.zeros((5, 3))
+    by_noise[:3] = [[-trans * s, c, 0.0], [trans * c, s, 0.0], [1.0, 0.0, 1.0]]
     return by_pose @ covariance @ by_pose.T + (by_noise * spreads**2) @ by_noise.T
 
 
@@ -134,6 +145,7 @@ class MotionParameters:
             that each run draws (`experiments/motion_noise.py`).
         velocity_alpha1, ...: of the velocity model. Speeds that were commanded and not measured: a tenth of the way and of
             the turn over a metre and a radian, as no such robot is known better beforehand.
+        velocity_scale_std: by what share a robot may do more or less than commanded, always alike: estimated along the way.
     """
 
     motion: str = "auto"
@@ -146,6 +158,7 @@ class MotionParameters:
     velocity_alpha2: float = 0.01
     velocity_alpha3: float = 0.01
     velocity_alpha4: float = 0.001
+    velocity_scale_std: float = 0.1
 
     def __post_init__(self) -> None:
         if self.motion not in ("auto", "odometry", "velocity"):
@@ -168,17 +181,27 @@ class MotionParameters:
         return Alphas(self.alpha1, self.alpha2, self.alpha3, self.alpha4)
 
 
-def move(particles: Array, step: SE2, velocity: bool, parameters: MotionParameters, rng: np.random.Generator) -> None:
-    """Moves particles (n, 3) by one step of the odometry, robot_from_next_robot, with the noise of the model."""
+def move(
+    particles: Array, scales: Array, step: SE2, velocity: bool, parameters: MotionParameters, rng: np.random.Generator
+) -> None:
+    """Moves particles (n, 3) by one step of the odometry, robot_from_next_robot, with the noise of the model.
+
+    Args:
+        scales: shares of way and turn that each believes in, (n, 2); the velocity model's only.
+    """
     if step == SE2():
         return
     noise = draw(rng, (len(particles), 3), parameters.noise)  # type: ignore[arg-type]
     alphas = parameters.alphas(velocity)
     if velocity:
-        half = 0.5 * step.theta
-        # The arc whose chord the step is; the chord points half the turn to the side.
-        chord = step.x * math.cos(half) + step.y * math.sin(half)
-        way = chord * (half / math.sin(half) if abs(half) > 1e-6 else 1.0)
-        sample_velocity(particles, way, step.theta, 1.0, alphas, noise)
+        way, turn = arc_of(step)
+        sample_velocity(particles, way, turn, 1.0, alphas, noise, scales)
     else:
         sample_odometry(particles, step.x, step.y, step.theta, alphas, noise)
+
+
+def arc_of(step: SE2) -> tuple[float, float]:
+    """Length [m] and turn [rad] of the arc that leads to where the step does; its chord points half the turn to the side."""
+    half = 0.5 * step.theta
+    chord = step.x * math.cos(half) + step.y * math.sin(half)
+    return chord * (half / math.sin(half) if abs(half) > 1e-6 else 1.0), step.theta

@@ -25,6 +25,7 @@ from robocar.core.trace import Drawable
 from robocar.estimation import estimates, resampling, sensor_models
 from robocar.estimation.area import Area
 from robocar.estimation.estimates import Estimate
+from robocar.estimation.guesses import Guesses
 from robocar.estimation.motion_models import MotionParameters, move
 from robocar.estimation.senses import Senses
 from robocar.estimation.sensor_models import Atlas, Sightings
@@ -54,21 +55,21 @@ class FilterParameters:
         initial_std_xy, initial_std_theta: of the start, if it is known [m], [rad].
     """
 
-    min_particles: int = 200
-    max_particles: int = 1000
+    min_particles: int = 1000
+    max_particles: int = 3000
     pf_err: float = 0.05
     pf_z: float = 2.33
     model: str = "bearing-range"
-    bearing_std: float = 0.015
-    range_std: float = 0.02
-    outlier: float = 0.03
+    bearing_std: float = 0.02
+    range_std: float = 0.025
+    outlier: float = 0.05
     resample: str = "systematic"
     resample_below: float = 0.5
-    scatter_xy: float = 0.002
-    scatter_theta: float = 0.002
-    recovery_alpha_slow: float = 0.02
-    recovery_alpha_fast: float = 0.2
-    recovery_ratio: float = 2.0
+    scatter_xy: float = 0.005
+    scatter_theta: float = 0.005
+    recovery_alpha_slow: float = 0.01
+    recovery_alpha_fast: float = 0.1
+    recovery_ratio: float = 3.0
     estimate: str = "group"
     group_radius: float = 0.4
     group_angle: float = 0.5
@@ -96,6 +97,8 @@ class FilterParameters:
 class ParticleFilter:
     """Particles (n, 3) with weights (n,), sum 1, and the steps of the filter on them.
 
+    Each also has its opinion on the scales of commanded speeds, (n, 2), see `motion_models`.
+
     Args:
         atlas: the landmarks by name.
         area: where particles are drawn anew.
@@ -111,24 +114,29 @@ class ParticleFilter:
         start: SE2 | None,
         rng: np.random.Generator,
     ) -> None:
-        self.parameters, self._motion, self._atlas, self._area, self._rng = parameters, motion, atlas, area, rng
+        self.parameters, self._motion, self._atlas, self._rng = parameters, motion, atlas, rng
+        self._guesses = Guesses(atlas, area, parameters.bearing_std, parameters.range_std)
+        self._odometry = SE2()
         n = parameters.max_particles
         if start is None:
-            self.particles = self._anywhere(n)
+            self.particles = self._guesses.anywhere(n, rng)
         else:
             std = (parameters.initial_std_xy, parameters.initial_std_xy, parameters.initial_std_theta)
             self.particles = start.as_array() + rng.standard_normal((n, 3)) * std
         self.weights = np.full(n, 1.0 / n)
+        self.scales = self._any_scales(n)
         # One that does not know where it is is as one that was carried off just now.
         self._slow, self._fast = _NOMINAL, 0.0 if start is None else _NOMINAL
 
     def predict(self, step: SE2, velocity: bool = False) -> None:
         """Moves all particles by a step of the odometry, robot_from_next_robot, by the velocity model or the odometry model."""
-        move(self.particles, step, velocity, self._motion, self._rng)
+        self._odometry = self._odometry @ step
+        move(self.particles, self.scales, step, velocity, self._motion, self._rng)
 
     def weigh(self, detections: Sequence[Detection]) -> bool:
         """Weighs the particles by what is seen; False where no particle explains it at all: the weights are equal then."""
         p = self.parameters
+        self._guesses.see(self._odometry, detections)
         if p.model == "headings":
             likelihoods = sensor_models.headings(self.particles, [(d.landmark, d.bearing) for d in detections], p.outlier)
             count = len(detections)
@@ -181,33 +189,21 @@ class ParticleFilter:
         kept = resampling.scattered(
             self.particles, self.weights, chosen, p.scatter_xy, p.scatter_theta, rng.standard_normal((len(chosen), 3))
         )
-        self.particles = np.concatenate([kept, self._from_sightings(fresh, detections)]) if fresh else kept
+        self.particles = np.concatenate([kept, self._fresh(fresh, detections)]) if fresh else kept
+        self.scales = self.scales[chosen]
+        if fresh:  # who is lost still knows how the robot drives
+            self.scales = np.concatenate([self.scales, self.scales[rng.integers(len(chosen), size=fresh)]])
         self.weights = np.full(count, 1.0 / count)
         return fresh
 
-    def _from_sightings(self, count: int, detections: Sequence[Detection]) -> Array:
-        """Poses (count, 3) from which one of the detections would be as it is; anywhere for models without bearings."""
-        known = [d for d in detections if d.landmark in self._atlas]
-        if self.parameters.model != "bearing-range" or not known:
-            return self._anywhere(count)
-        rng, p = self._rng, self.parameters
-        tries = 8 * count
-        which = rng.integers(len(known), size=tries)
-        std = np.array([np.sqrt(np.diag(d.covariance)) for d in known])
-        bearings = np.array([d.bearing for d in known])[which] + std[which, 0] * rng.standard_normal(tries)
-        ranges = np.array([d.range for d in known])[which] * (1.0 + p.range_std * rng.standard_normal(tries))
-        places = [self._atlas.places(d.landmark) for d in known]
-        picks = [int(k) for k in rng.integers(1 << 30, size=tries)]
-        marks = np.array([places[w][k % len(places[w])] for w, k in zip(which, picks, strict=True)])
-        around = rng.uniform(-math.pi, math.pi, tries)  # direction from the robot to the landmark
-        points = marks - ranges[:, None] * np.stack([np.cos(around), np.sin(around)], axis=1)
-        inside = np.flatnonzero(self._area.holds(points))[:count]
-        poses = np.concatenate([points[inside], (around - bearings)[inside, None]], axis=1)
-        return np.concatenate([poses, self._anywhere(count - len(inside))])
+    def _fresh(self, count: int, detections: Sequence[Detection]) -> Array:
+        """Poses (count, 3) that what is seen suggests; anywhere, for models that do not use bearings and ranges."""
+        if self.parameters.model == "bearing-range":
+            return self._guesses.draw(count, self._odometry, detections, self._rng)
+        return self._guesses.anywhere(count, self._rng)
 
-    def _anywhere(self, count: int) -> Array:
-        points = self._area.sample(count, self._rng)
-        return np.concatenate([points, self._rng.uniform(-math.pi, math.pi, (count, 1))], axis=1)
+    def _any_scales(self, count: int) -> Array:
+        return 1.0 + self._motion.velocity_scale_std * self._rng.standard_normal((count, 2))
 
     def estimate(self) -> Estimate:
         """Pose and covariance."""

@@ -41,7 +41,7 @@ class Atlas:
     def __init__(self, landmarks: Sequence[Landmark]) -> None:
         names: dict[str, list[Array]] = {}
         for mark in landmarks:
-            for name in {mark.name, mark.color}:
+            for name in {mark.name, mark.color} - {""}:
                 names.setdefault(name, []).append(np.asarray(mark.position, dtype=float)[:2])
         self._places: Mapping[str, Array] = {name: np.array(places) for name, places in names.items()}
         self._known: dict[tuple[str, ...], tuple[NDArray[np.int64], Array]] = {}
