@@ -12,9 +12,14 @@ from typing import Any
 
 import cv2
 import pytest
+from scipy.ndimage import distance_transform_edt, label
 
+from experiments.replanning import NAVIGATORS, UNKNOWN, generated_world
 from robocar.core import OutputError, ScenarioError, UnknownNameError
 from robocar.experiment import Report, experiment_names, run_experiment, run_many
+from robocar.scenario import load_scenario
+from robocar.scene import Scene
+from robocar.sim.car import footprint
 
 LONG = pytest.mark.skipif(not os.environ.get("ROBOCAR_LONG_TESTS"), reason="takes minutes: set ROBOCAR_LONG_TESTS=1")
 
@@ -60,6 +65,32 @@ def test_thesis_navigation(tmp_path: Path) -> None:
         assert numbers[f"{sensing}/truth/contacts"]["value"] == 0
         assert numbers[f"{sensing}/truth/cells_off_max"]["value"] == 0
     assert numbers["side_sonars/truth/duration"]["value"] < numbers["spin/truth/duration"]["value"]
+
+
+@LONG
+def test_replanning(tmp_path: Path) -> None:
+    """Everyone gets there without contact; where the map is known in part, D* Lite expands fewer cells than A* from scratch."""
+    run_experiment("replanning", tmp_path, quick=True)
+    numbers = {name: number["value"] for name, number in written(tmp_path, "replanning").items()}
+    for case in (f"{world}/{name}" for world in ("warehouse", "unknown-maze") for name in NAVIGATORS):
+        assert numbers[f"{case}/success_rate"] == 1.0
+        assert numbers[f"{case}/contacts"] == 0
+        assert numbers[f"{case}/path_over_shortest"] > 0.95
+    assert numbers["warehouse/d-star-lite/expanded_per_replan"] < numbers["warehouse/a-star/expanded_per_replan"]
+    assert len(list((tmp_path / "replanning" / "runs").glob("*--s0/run.rrd"))) == 2 * len(NAVIGATORS)
+
+
+@pytest.mark.parametrize("kind", UNKNOWN)
+def test_worlds_to_replan_on(kind: str, tmp_path: Path) -> None:
+    """Oracle: scipy's components of the cells that keep 0.35 m to the walls; they are equal for equal seeds, and differ else."""
+    worlds = [generated_world(kind, seed, tmp_path / str(k)) for k, seed in enumerate((3, 3, 4))]
+    assert worlds[0]["start"] == worlds[1]["start"]
+    assert worlds[0]["goal"] == worlds[1]["goal"]
+    assert worlds[0]["start"] != worlds[2]["start"]
+    scene = Scene.load(load_scenario(worlds[0]), footprint())  # refuses a start that touches something
+    room, _ = label(distance_transform_edt(~scene.grid.occupied) * scene.grid.resolution >= 0.35)
+    start, goal = (room[tuple(scene.grid.cell_from_world(worlds[0][end][:2]))] for end in ("start", "goal"))
+    assert start == goal > 0
 
 
 def test_the_experiments_of_the_first_issue_are_known() -> None:
