@@ -89,14 +89,20 @@ class Streams:
         """
         if (viewer := self._viewer) is not None:
             self._to_viewer(lambda: viewer.flush(timeout_sec=FLUSH_TIMEOUT))
-        if self._free_bytes() < ROOM:  # while there is still room for what is under way: a writer that failed hangs
-            self._file.disconnect()
+        if self._free_bytes() < ROOM:
+            self._give_up()
             raise OutputError(self._failure())
         try:
             self._file.flush(timeout_sec=FLUSH_TIMEOUT)
         except RuntimeError as error:
-            threading.Thread(target=self._file.disconnect, daemon=True).start()  # may never return
+            self._give_up()
             raise OutputError(self._failure()) from error
+
+    def _give_up(self) -> None:
+        """Closes the file as far as that goes: Rerun waits for ever for a writer that has failed, and only then."""
+        closing = threading.Thread(target=self._file.disconnect, daemon=True)
+        closing.start()
+        closing.join(timeout=5.0)
 
     def close(self) -> None:
         """Finish the file.
