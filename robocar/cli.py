@@ -109,6 +109,52 @@ def _report(result: RunResult, as_json: bool, debug: bool) -> int:
     return 0 if result.success else 1
 
 
+def _replay(
+    log: tyro.conf.Positional[Path],
+    /,
+    estimator: str | None = None,
+    mapper: str = "none",
+    seed: int | None = None,
+    set: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="PATH.TO.PARAMETER=VALUE")] = (),
+    out: Path = Path("runs"),
+    live: Flag = False,
+    no_recording: Flag = False,
+    force: Flag = False,
+    json: Flag = False,
+    debug: Flag = False,
+) -> int:
+    """Run an estimator over recorded sensor data and leave a run directory as `robocar run` does.
+
+    Args:
+        log: a run directory, an MRCLAM folder, a CARMEN log, or a table of laser scans.
+        estimator: who says where the robot is; by default, for a run, the one that it was made with.
+        mapper: who draws the map.
+        seed: of the estimator's random numbers; by default the run's, or 0.
+        set: changes a parameter (estimator.max_particles=400); may be repeated.
+        out: folder in which the run directory is made.
+        live: show the replay in a viewer while it goes on.
+        no_recording: write no run.rrd.
+        force: replace an existing run.
+        json: print metrics.json on stdout.
+        debug: show tracebacks.
+    """
+    from robocar.replay import replay
+    from robocar.scenario import parse_setting
+
+    result = replay(
+        log,
+        estimator=estimator,
+        mapper=mapper,
+        seed=seed,
+        settings=dict(parse_setting(text) for text in set),
+        out=out,
+        record=not no_recording,
+        live=live,
+        force=force,
+    )
+    return _report(result, json, debug)
+
+
 def _list(
     what: tyro.conf.Positional[Literal["scenarios", "navigators", "estimators", "mappers", "experiments"]],
     /,
@@ -227,6 +273,7 @@ def _schema(kind: tyro.conf.Positional[Literal["scenario"]], /) -> int:
 
 _COMMANDS: dict[str, Callable[..., int]] = {
     "run": _run,
+    "replay": _replay,
     "list": _list,
     "experiment": _experiment,
     "check": _check,

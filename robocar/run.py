@@ -21,6 +21,7 @@ from robocar.estimation.no_mapper import NoMapper
 from robocar.estimation.odometry import OdometryEstimator
 from robocar.fingerprint import fingerprint, versions
 from robocar.formats import Trajectory, save_ros_map, write_tum
+from robocar.localization_metrics import summarize_localization
 from robocar.map_watch import MapWatch, decided, explores, map_metrics
 from robocar.metrics import Metric, RunLog, summarize
 from robocar.navigation import Episode, Progress, Rules, navigate
@@ -194,6 +195,8 @@ def _run(
     )
     wall_time = wall.perf_counter() - started  # of the loop: building the world does not count
     result = _result(episode, scenario, scene, car, chosen, seed, goal, wall_time)
+    if chosen["estimator"] != "truth":
+        result.metrics.update(_localization(episode, result))
     result.metrics.update(map_metrics(parts["mapper"], scene, car.robot, result.truth.poses, exploring))
     recorder.close(result.summary())
     if files is not None:
@@ -323,6 +326,15 @@ def _result(
         estimate=Trajectory(frozen_array(times), frozen_array(estimate)),
         odometry=Trajectory(frozen_array(times), frozen_array(odometry)),
         traceback=episode.traceback,
+    )
+
+
+def _localization(episode: Episode, result: RunResult) -> dict[str, Metric]:
+    nothing = np.full((3, 3), np.nan)
+    stated = [nothing if tick.belief.covariance is None else tick.belief.covariance for tick in episode.ticks]
+    carried = [tick.carried for tick in episode.ticks]
+    return summarize_localization(
+        result.truth.times, result.truth.poses, result.estimate.poses, np.array(stated).reshape(-1, 3, 3), carried
     )
 
 

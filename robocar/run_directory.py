@@ -44,6 +44,7 @@ class RunDirectory:
         plain = json.loads(json.dumps(dict(settings), default=str))  # whatever Python was handed, YAML can hold
         self._config = {
             "scenario": scenario.model_dump(mode="json"),
+            "folder": str(scenario.folder),  # where the scenario's files are looked for
             **dict(chosen),
             "seed": seed,
             "settings": plain,

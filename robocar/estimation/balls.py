@@ -45,6 +45,7 @@ _CUT_STD = 1.4  # [px] of the rim of a ball that is not seen whole: some of it m
 _MIN_ARC = 1.0 / 3.0  # of a ball's rim that must be seen
 _MIN_CUT_RADIUS = 4.0  # [px] smaller balls must be seen whole: a few pixels of a rim fit many circles
 _MAX_RIM = 1.25
+_MOST_RANGE_STD = 0.15  # of the range: an arc that says less may be no ball's
 _FILL = (0.75, 1.3)  # what share of a whole ball's disc its pixels fill
 _MIN_EXPLAINED = 0.93  # of a region's pixels that its balls must cover
 
@@ -158,8 +159,7 @@ class BallDetector:
         ground = math.hypot(x, y)
         p = self._parameters
         slack = p.height_tolerance + p.elevation_tolerance * ground
-        slack += 2.0 * _relative_range_std(ball) * abs(z - robot_from_camera[2, 3])
-        if not lowest - slack <= z <= highest + slack or ground < radius:
+        if not lowest - slack <= z <= highest + slack or ground < radius or _relative_range_std(ball) > _MOST_RANGE_STD:
             return None
         sideways = math.sqrt(ball.covariance[0, 0]) * distance / ground
         bearing_std = math.hypot(p.bearing_std, sideways)

@@ -65,10 +65,9 @@ class KalmanFilterEstimator:
         p = self._parameters
         known = self._start is not None
         std = (p.initial_std_xy, p.initial_std_xy, p.initial_std_theta) if known else _LOST_STD
-        # Of x, y, theta and the scales of way and turn, which matter to commanded speeds only.
-        scale_std = self._motion.velocity_scale_std
-        self._covariance = np.diag(np.square([*std, scale_std, scale_std]))
-        self._scales = np.ones(2)
+        # Of x, y, theta and the biases of way and turn, in units of their standard deviation.
+        self._covariance = np.diag(np.square([*std, 1.0, 1.0]))
+        self._biases = np.zeros(2)
         # Where landmarks were seen in the frame of the odometry, until two tell where the robot is.
         self._found = known
         self._odometry = SE2()
@@ -91,13 +90,11 @@ class KalmanFilterEstimator:
         return Belief(self._pose, self._covariance[:3, :3].copy(), sensed.twist, None, trace)
 
     def _move(self, step: SE2, velocity: bool) -> None:
-        if velocity:
-            way, turn = arc_of(step)
-            step = Twist(float(self._scales[0]) * way, float(self._scales[1]) * turn).step(1.0)
-        else:  # wheels and poses are measured: nothing is learnt about scales
-            self._covariance[3:, :] = 0.0
-            self._covariance[:, 3:] = 0.0
-        self._covariance = propagate(self._covariance, self._pose, step, self._motion.alphas(velocity))
+        way, turn = arc_of(step)
+        std = self._motion.bias(velocity)
+        way_scale, turn_scale = (float(scale) for scale in 1.0 + std * self._biases)
+        step = Twist(way_scale * way, turn_scale * turn).step(1.0)
+        self._covariance = propagate(self._covariance, self._pose, step, self._motion.alphas(velocity), std)
         self._pose = self._pose @ step
         self._odometry = self._odometry @ step
 
@@ -125,8 +122,8 @@ class KalmanFilterEstimator:
         surprise, innovation, jacobian, spread = best
         spread = spread * max(1.0, surprise / p.gate)
         gain = np.linalg.solve(spread, jacobian @ self._covariance).T
-        x, y, theta, *scales = gain @ innovation
-        self._scales += scales
+        x, y, theta, *biases = gain @ innovation
+        self._biases += biases
         self._pose = SE2(self._pose.x + float(x), self._pose.y + float(y), self._pose.theta + float(theta))
         covariance = self._covariance - gain @ spread @ gain.T
         self._covariance = 0.5 * (covariance + covariance.T)

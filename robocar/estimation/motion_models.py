@@ -69,29 +69,46 @@ def _spreads(rot1: float, trans: float, rot2: float, alphas: tuple[float, float,
 
 @njit(cache=True)
 def sample_odometry(
-    particles: Array, x: float, y: float, theta: float, alphas: tuple[float, float, float, float], noise: Array
+    particles: Array,
+    x: float,
+    y: float,
+    theta: float,
+    alphas: tuple[float, float, float, float],
+    noise: Array,
+    biases: Array,
+    bias_std: float,
 ) -> None:
     """Moves particles (n, 3) by the step (x, y, theta) = robot_from_next_robot, each with its own noise (n, 3) of variance 1.
+
+    Each particle has its opinion of the scales of way and turn: 1 + bias_std times its `biases` (n, 2).
 
     Thrun, Burgard and Fox 2005, Table 5.6, with the variances of the module's table.
     """
     rot1, trans, rot2 = turn_move_turn(x, y, theta)
     s1, s2, s3 = _spreads(rot1, trans, rot2, alphas)
     for i in range(len(particles)):
-        heading = particles[i, 2] + rot1 + s1 * noise[i, 0]
-        way = trans + s2 * noise[i, 1]
+        turn = 1.0 + bias_std * biases[i, 1]
+        heading = particles[i, 2] + turn * rot1 + s1 * noise[i, 0]
+        way = (1.0 + bias_std * biases[i, 0]) * trans + s2 * noise[i, 1]
         particles[i, 0] += way * math.cos(heading)
         particles[i, 1] += way * math.sin(heading)
-        particles[i, 2] = heading + rot2 + s3 * noise[i, 2]
+        particles[i, 2] = heading + turn * rot2 + s3 * noise[i, 2]
 
 
 @njit(cache=True)
 def sample_velocity(
-    particles: Array, v: float, omega: float, dt: float, alphas: tuple[float, float, float, float], noise: Array, scales: Array
+    particles: Array,
+    v: float,
+    omega: float,
+    dt: float,
+    alphas: tuple[float, float, float, float],
+    noise: Array,
+    biases: Array,
+    bias_std: float,
 ) -> None:
     """Moves particles (n, 3) along arcs: v [m/s] and omega [rad/s] for dt [s], and a final turn, with noise (n, 3) of variance 1.
 
-    Each particle has its own opinion of what share of v and of omega the robot really does: `scales` (n, 2).
+    Each particle has its opinion of the scales of v and omega: 1 + bias_std times its `biases` (n, 2).
 
     Thesis, eq. 2.39; Thrun, Burgard and Fox 2005, Table 5.3, with the variances of the module's table; those of a turn go half to
     omega and half to the final turn gamma.
@@ -103,8 +120,8 @@ def sample_velocity(
     s_way = math.sqrt(a3 * way + a4 * turn)
     s_turn = math.sqrt(0.5 * (a1 * turn + a2 * way))
     for i in range(len(particles)):
-        length = scales[i, 0] * v * dt + s_way * noise[i, 0]
-        angle = scales[i, 1] * omega * dt + s_turn * noise[i, 1]
+        length = (1.0 + bias_std * biases[i, 0]) * v * dt + s_way * noise[i, 0]
+        angle = (1.0 + bias_std * biases[i, 1]) * omega * dt + s_turn * noise[i, 1]
         heading = particles[i, 2]
         # The chord of the arc: its length is sinc(angle / 2) of the arc's, half the turn to the side.
         half = 0.5 * angle
@@ -114,12 +131,12 @@ def sample_velocity(
         particles[i, 2] = heading + angle + s_turn * noise[i, 2]
 
 
-def propagate(covariance: Array, pose: SE2, step: SE2, alphas: Alphas) -> Array:
+def propagate(covariance: Array, pose: SE2, step: SE2, alphas: Alphas, bias_std: float) -> Array:
     """Covariance after a step, to first order, with the odometry model's noise: for Kalman filters.
 
     Args:
-        covariance: of x, y, theta and of the scales of way and turn, which do not change, (5, 5).
-        pose: world_from_robot before the step; step: robot_from_next_robot, by the scales that are believed in.
+        covariance: of x, y, theta and of the biases of way and turn, which do not change, (5, 5).
+        pose: world_from_robot before the step; step: robot_from_next_robot, with the biases that are believed in.
     """
     rot1, trans, rot2 = turn_move_turn(step.x, step.y, step.theta)
     spreads = np.array(_spreads(rot1, trans, rot2, alphas))
@@ -127,8 +144,9 @@ def propagate(covariance: Array, pose: SE2, step: SE2, alphas: Alphas) -> Array:
     c, s = math.cos(heading), math.sin(heading)
     by_pose = np.eye(5)
     by_pose[:2, 2] = -trans * s, trans * c
-    by_pose[:2, 3] = trans * c, trans * s
-    by_pose[:3, 4] = -0.5 * step.theta * trans * s, 0.5 * step.theta * trans * c, step.theta
+    by_pose[:2, 3] = bias_std * trans * c, bias_std * trans * s
+    by_pose[:2, 4] = -0.5 * bias_std * step.theta * trans * s, 0.5 * bias_std * step.theta * trans * c
+    by_pose[2, 4] = bias_std * step.theta
     by_noise = np.zeros((5, 3))
     by_noise[:3] = [[-trans * s, c, 0.0], [trans * c, s, 0.0], [1.0, 0.0, 1.0]]
     return by_pose @ covariance @ by_pose.T + (by_noise * spreads**2) @ by_noise.T
@@ -145,7 +163,8 @@ class MotionParameters:
             that each run draws (`experiments/motion_noise.py`).
         velocity_alpha1, ...: of the velocity model. Speeds that were commanded and not measured: a tenth of the way and of
             the turn over a metre and a radian, as no such robot is known better beforehand.
-        velocity_scale_std: by what share a robot may do more or less than commanded, always alike: estimated along the way.
+        bias_std, velocity_bias_std: by what share way and turn may be off, always alike, for wheels (the track of a skid-steered
+            car depends on its load) and for commanded speeds: estimated along the way.
     """
 
     motion: str = "auto"
@@ -158,7 +177,8 @@ class MotionParameters:
     velocity_alpha2: float = 0.01
     velocity_alpha3: float = 0.01
     velocity_alpha4: float = 0.001
-    velocity_scale_std: float = 0.1
+    bias_std: float = 0.02
+    velocity_bias_std: float = 0.1
 
     def __post_init__(self) -> None:
         if self.motion not in ("auto", "odometry", "velocity"):
@@ -174,6 +194,10 @@ class MotionParameters:
         """Which model is meant, for odometry that is `commanded` speeds or not."""
         return self.motion == "velocity" or (self.motion == "auto" and commanded)
 
+    def bias(self, velocity: bool) -> float:
+        """Standard deviation of the biases of the velocity or of the odometry model."""
+        return self.velocity_bias_std if velocity else self.bias_std
+
     def alphas(self, velocity: bool) -> Alphas:
         """Of the velocity or of the odometry model."""
         if velocity:
@@ -182,12 +206,12 @@ class MotionParameters:
 
 
 def move(
-    particles: Array, scales: Array, step: SE2, velocity: bool, parameters: MotionParameters, rng: np.random.Generator
+    particles: Array, biases: Array, step: SE2, velocity: bool, parameters: MotionParameters, rng: np.random.Generator
 ) -> None:
     """Moves particles (n, 3) by one step of the odometry, robot_from_next_robot, with the noise of the model.
 
     Args:
-        scales: shares of way and turn that each believes in, (n, 2); the velocity model's only.
+        biases: of way and turn that each believes in, in units of their standard deviation, (n, 2).
     """
     if step == SE2():
         return
@@ -195,9 +219,9 @@ def move(
     alphas = parameters.alphas(velocity)
     if velocity:
         way, turn = arc_of(step)
-        sample_velocity(particles, way, turn, 1.0, alphas, noise, scales)
+        sample_velocity(particles, way, turn, 1.0, alphas, noise, biases, parameters.bias(velocity))
     else:
-        sample_odometry(particles, step.x, step.y, step.theta, alphas, noise)
+        sample_odometry(particles, step.x, step.y, step.theta, alphas, noise, biases, parameters.bias(velocity))
 
 
 def arc_of(step: SE2) -> tuple[float, float]:

@@ -32,6 +32,7 @@ from robocar.estimation.sensor_models import Atlas, Sightings
 
 MODELS = ("bearing-range", "ranges", "headings")
 _NOMINAL = 0.4  # likelihood of a sighting for a filter that knows where it is, until it has an average of its own
+_SHRINK, _LEAST_BIAS = 0.99, 0.01  # of the biases when resampling
 _MOST_NEW = 0.9  # share of the particles that one sighting may replace
 
 
@@ -64,9 +65,9 @@ class FilterParameters:
     range_std: float = 0.025
     outlier: float = 0.05
     resample: str = "systematic"
-    resample_below: float = 0.5
-    scatter_xy: float = 0.005
-    scatter_theta: float = 0.005
+    resample_below: float = 0.3
+    scatter_xy: float = 0.008
+    scatter_theta: float = 0.006
     recovery_alpha_slow: float = 0.01
     recovery_alpha_fast: float = 0.1
     recovery_ratio: float = 3.0
@@ -97,7 +98,7 @@ class FilterParameters:
 class ParticleFilter:
     """Particles (n, 3) with weights (n,), sum 1, and the steps of the filter on them.
 
-    Each also has its opinion on the scales of commanded speeds, (n, 2), see `motion_models`.
+    Each also has its opinion on the biases of the odometry, (n, 2), see `motion_models`.
 
     Args:
         atlas: the landmarks by name.
@@ -124,14 +125,14 @@ class ParticleFilter:
             std = (parameters.initial_std_xy, parameters.initial_std_xy, parameters.initial_std_theta)
             self.particles = start.as_array() + rng.standard_normal((n, 3)) * std
         self.weights = np.full(n, 1.0 / n)
-        self.scales = self._any_scales(n)
+        self.biases = rng.standard_normal((n, 2))
         # One that does not know where it is is as one that was carried off just now.
         self._slow, self._fast = _NOMINAL, 0.0 if start is None else _NOMINAL
 
     def predict(self, step: SE2, velocity: bool = False) -> None:
         """Moves all particles by a step of the odometry, robot_from_next_robot, by the velocity model or the odometry model."""
         self._odometry = self._odometry @ step
-        move(self.particles, self.scales, step, velocity, self._motion, self._rng)
+        move(self.particles, self.biases, step, velocity, self._motion, self._rng)
 
     def weigh(self, detections: Sequence[Detection]) -> bool:
         """Weighs the particles by what is seen; False where no particle explains it at all: the weights are equal then."""
@@ -190,9 +191,13 @@ class ParticleFilter:
             self.particles, self.weights, chosen, p.scatter_xy, p.scatter_theta, rng.standard_normal((len(chosen), 3))
         )
         self.particles = np.concatenate([kept, self._fresh(fresh, detections)]) if fresh else kept
-        self.scales = self.scales[chosen]
         if fresh:  # who is lost still knows how the robot drives
-            self.scales = np.concatenate([self.scales, self.scales[rng.integers(len(chosen), size=fresh)]])
+            chosen = np.concatenate([chosen, chosen[rng.integers(len(chosen), size=fresh)]])
+        # Drawn a little towards their mean, so that fresh variety does not add up to spread (Liu and West 2001, section 10.3.3).
+        biases = self.biases[chosen]
+        mean = biases.mean(axis=0)
+        spread = biases.std(axis=0) * math.sqrt(1.0 - _SHRINK**2) + _LEAST_BIAS
+        self.biases = mean + _SHRINK * (biases - mean) + spread * rng.standard_normal((count, 2))
         self.weights = np.full(count, 1.0 / count)
         return fresh
 
@@ -201,9 +206,6 @@ class ParticleFilter:
         if self.parameters.model == "bearing-range":
             return self._guesses.draw(count, self._odometry, detections, self._rng)
         return self._guesses.anywhere(count, self._rng)
-
-    def _any_scales(self, count: int) -> Array:
-        return 1.0 + self._motion.velocity_scale_std * self._rng.standard_normal((count, 2))
 
     def estimate(self) -> Estimate:
         """Pose and covariance."""
