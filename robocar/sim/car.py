@@ -40,7 +40,7 @@ _LIDARS = {
 
 @dataclass(frozen=True, slots=True)
 class FitOut:
-    """Which sensors the car carries; the camera looks ahead (`fixed`), or from side to side (`sweep`) where no command turns it."""
+    """Which sensors the car carries. The camera looks ahead (`fixed`) or, where no command turns it, around (`sweep`)."""
 
     sonars: Sonars = "front"
     lidar: Lidar = "none"
