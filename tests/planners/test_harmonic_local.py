@@ -130,6 +130,28 @@ def test_what_blocks_the_way_has_the_potential_solved_again_and_what_does_not_ha
     assert not blocked.blocked[cells[:, 0], cells[:, 1]].any()
 
 
+@pytest.mark.parametrize("news", ["a new path", "another goal", "a larger map", "a reset"])
+def test_what_is_farther_off_than_the_horizon_counts_from_a_new_plan_on(news: str) -> None:
+    """Oracle: a follower that has seen nothing before."""
+    path, goal, pose = Path(np.array([[0.5, 1.4], [4.5, 1.5]])), Goal(np.array([4.5, 1.5])), SE2(0.5, 1.4)
+    seen = hall(60, 100, (2.5, 0.0, 2.8, 2.0))
+    local = follower(horizon=0.5)
+    before = way_of(local.command(Belief(pose), path, hall(60, 100), NOTHING, goal))
+    np.testing.assert_array_equal(way_of(local.command(Belief(pose), path, seen, NOTHING, goal)), before)
+    if news == "a new path":
+        path = Path(path.points + 0.0)
+    elif news == "another goal":
+        goal = Goal(goal.position - 0.2)
+    elif news == "a larger map":
+        seen = hall(61, 100, (2.5, 0.0, 2.8, 2.0))
+    else:
+        local.reset(np.random.default_rng(0))
+    after = way_of(local.command(Belief(pose), path, seen, NOTHING, goal))
+    expected = way_of(follower(horizon=0.5).command(Belief(pose), path, seen, NOTHING, goal))
+    np.testing.assert_allclose(after, expected, atol=1e-9)
+    assert np.abs(after[-1] - before[-1]).max() > 0.02
+
+
 def test_from_blocked_cells_the_way_leads_over_the_nearest_free_one() -> None:
     """By hand: the car stands one cell deep in the left of a box's cells."""
     room = hall(60, 100, (1.0, 1.0, 1.5, 2.0))
