@@ -192,6 +192,7 @@ class LayeredCostmap:
         self._grid_from_world = origin.inverse()
         self._ground, self._solid = ground, ground.copy()
         self._evidence = np.zeros((rows, cols), dtype=np.int8)
+        self._near_hit = np.zeros((rows, cols), dtype=np.bool_)
         self._costs = np.empty((rows, cols), dtype=np.uint8)
         self._kernel = _kernel(resolution, self._inscribed_radius, self.parameters)
         # Cells whose hits the prior map explains; the tolerance is drawn around its obstacles like an inflation.
@@ -227,7 +228,7 @@ class LayeredCostmap:
             )  # fmt: skip
         else:
             n, self._touched = _laser(
-                evidence, self._explained, self._touched, x, y, theta, ranges, bearings,
+                evidence, self._explained, self._near_hit, self._touched, x, y, theta, ranges, bearings,
                 p.obstacle_max_range / resolution, min(reach, scan.max_range / resolution), resolution,
             )  # fmt: skip
         n, self._touched = _forget_disc(
@@ -248,13 +249,31 @@ def _note(touched: NDArray, n: int, cell: int) -> tuple[int, NDArray]:
 
 
 @njit(cache=True)
+def _set_around_hits(
+    mask: NDArray, value: bool, x: float, y: float, theta: float, ranges: NDArray, bearings: NDArray, resolution: float
+) -> None:
+    """Sets the mask in the cells that a scan hit and in their neighbours; lengths in cells but `ranges` [m]."""
+    rows, cols = mask.shape
+    for i in range(len(ranges)):
+        if math.isfinite(ranges[i]):
+            reading, angle = ranges[i] / resolution, theta + bearings[i]
+            row, col = math.floor(y + reading * math.sin(angle)), math.floor(x + reading * math.cos(angle))
+            mask[max(0, row - 1) : max(0, min(rows, row + 2)), max(0, col - 1) : max(0, min(cols, col + 2))] = value
+
+
+@njit(cache=True)
 def _laser(
-    evidence: NDArray, explained: NDArray, touched: NDArray, x: float, y: float, theta: float, ranges: NDArray, bearings: NDArray,
-    mark_reach: float, clear_reach: float, resolution: float,
+    evidence: NDArray, explained: NDArray, near_hit: NDArray, touched: NDArray, x: float, y: float, theta: float, ranges: NDArray,
+    bearings: NDArray, mark_reach: float, clear_reach: float, resolution: float,
 ) -> tuple[int, NDArray]:  # fmt: skip
-    """Clears along the beams, then marks their ends; lengths in cells but `ranges` [m]. Returns cells that may have changed."""
+    """Clears along the beams, then marks their ends; lengths in cells but `ranges` [m]. Returns cells that may have changed.
+
+    A beam along a wall runs through cells of the wall beside the one that it hits, since ranges are noisy and cells are coarse.
+    So cells beside any hit of this scan are not cleared: else the walls of corridors would crumble, thin ones to holes.
+    """
     rows, cols = evidence.shape
     n = 0
+    _set_around_hits(near_hit, True, x, y, theta, ranges, bearings, resolution)
     for i in range(len(ranges)):
         if math.isnan(ranges[i]):
             continue
@@ -270,7 +289,7 @@ def _laser(
         next_x = abs(col + (step_col > 0) - x) * delta_x if dx != 0.0 else math.inf
         next_y = abs(row + (step_row > 0) - y) * delta_y if dy != 0.0 else math.inf
         while col != last_col or row != last_row:
-            if 0 <= row < rows and 0 <= col < cols and evidence[row, col] > 0:
+            if 0 <= row < rows and 0 <= col < cols and evidence[row, col] > 0 and not near_hit[row, col]:
                 evidence[row, col] -= 1
                 if evidence[row, col] == _HIT - 1:
                     n, touched = _note(touched, n, row * cols + col)
@@ -289,6 +308,7 @@ def _laser(
         if 0 <= row < rows and 0 <= col < cols and explained[row, col] == 0:
             evidence[row, col] = min(evidence[row, col] + _HIT, _MOST)
             n, touched = _note(touched, n, row * cols + col)
+    _set_around_hits(near_hit, False, x, y, theta, ranges, bearings, resolution)
     return n, touched
 
 

@@ -10,6 +10,7 @@ from kinematic import BEAM, car
 
 from planners.costmap import LayeredCostmap, Parameters, inflate
 from robocar.core import FREE, INSCRIBED, LETHAL, NO_INFORMATION, OCCUPIED, SE2, UNKNOWN, Observation, OccupancyGrid, Scan
+from robocar.core.rays import cast_rays
 
 OPEN = Parameters(walled=False)
 
@@ -233,6 +234,26 @@ def test_without_a_prior_the_grid_covers_what_it_must_and_grows_with_the_way() -
         assert layer.costmap().contains(layer.costmap().cell_from_world(corners)).all()
         np.testing.assert_allclose(lethal_points(layer), marked, atol=1e-9)
     assert not layer.costmap().same_place(first)
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_a_wall_seen_along_does_not_crumble(seed: int) -> None:
+    """Oracle: the world. Along a wall one cell thick, seen with 2 cm of noise, no column of the wall is ever without a mark."""
+    data = np.zeros((60, 120), dtype=np.int8)
+    data[30] = OCCUPIED
+    world = OccupancyGrid(data, 0.05, SE2(-1.0, -2.0))
+    layer, rng = LayeredCostmap(None, car(), Parameters(walled=False)), np.random.default_rng(seed)
+    layer.cover(world.corners())
+    bearings = np.radians(np.arange(0.0, 360.0, 1.0))
+    gaps = []
+    for k in range(60):
+        pose = SE2(0.5 + 0.05 * k, -0.9 + 0.1 * rng.standard_normal(), rng.uniform(-3.0, 3.0))
+        ranges = cast_rays(world, world.occupied, pose.position, pose.theta + bearings, 6.0)
+        layer.update(pose, laser(ranges + 0.02 * rng.standard_normal(360), bearings))
+        columns = {round(x / 0.05 - 0.5) for x in lethal_points(layer)[:, 0]}
+        gaps.append([column for column in range(10, 10 + k) if column not in columns])
+    assert gaps == [[]] * 60
 
 
 @settings(max_examples=25, deadline=None)
