@@ -86,7 +86,7 @@ def update_laser(
 @njit(cache=True)
 def update_sonar(
     log_odds: NDArray, stamp: NDArray, mark: int, x: float, y: float, axis: float, reading: float, half_width: float,
-    hit_range: float, silent_range: float, hit: float, miss: float, silent_miss: float, solid: float, low: float, high: float,
+    hit_range: float, free_range: float, hit: float, miss: float, silent_miss: float, solid: float, low: float, high: float,
 ) -> None:  # fmt: skip
     """One reading: somewhere on the arc at its range stands something, and inside the cone before it nothing does.
 
@@ -95,9 +95,10 @@ def update_sonar(
     Models, 2003: the expected responsibilities of his E-step). So an arc that crosses free space and a known wall makes the
     wall surer, and nothing else.
 
-    Free space is believed less towards the rim and towards the arc (Moravec and Elfes, E_a and E_r). A surface at grazing
+    Free space is believed less towards the rim and towards its end (Moravec and Elfes, E_a and E_r). A surface at grazing
     incidence sends no echo back: a farther one may answer, or none. So the cone ends, ray by ray, at cells that the map knows
-    to be occupied (log-odds above `solid`), and silence (inf) is weak evidence, up to `silent_range` only.
+    to be occupied (log-odds above `solid`); it is cleared no farther than `free_range`, since the farther it reaches the more
+    of it lies behind a wall along which the sonar looks; and silence (inf) is weak evidence.
 
     Args:
         x, y: the sensor's place; axis: of the cone; reading: range of the echo, inf for none.
@@ -105,11 +106,9 @@ def update_sonar(
     """
     rows, cols = log_odds.shape
     echo = reading <= hit_range
-    if reading == math.inf:
-        reach, change = silent_range, silent_miss
-    else:
-        reach, change = min(reading, hit_range), miss
-    rays = 3 + int(4.0 * half_width * reach)  # half a cell apart at their ends
+    change = silent_miss if reading == math.inf else miss
+    reach = min(reading, free_range)
+    rays = 3 + int(4.0 * half_width * (reading if echo else reach))  # half a cell apart at their ends
     if echo:
         cells = np.empty((rays, 2), dtype=np.int64)
         shares = np.empty(rays)

@@ -30,7 +30,7 @@ class Parameters:
         clamping_thres_min, clamping_thres_max: probabilities beyond which a cell cannot grow surer: so it can change its mind.
         laser_hit_range: beams that end farther away mark nothing; laser_silent_range: one without return is free up to here [m].
         sonar_prob_hit: shared by the cells of an arc; sonar_prob_miss: of a cell on the cone's axis near the sensor.
-        sonar_hit_range: echoes from farther away mark nothing, and free space reaches no farther [m].
+        sonar_hit_range: echoes from farther away mark nothing; sonar_free_range: nor do they clear what lies beyond this [m].
         sonar_silent_range, sonar_prob_silent: a cone without echo counts as free up to here [m], with this probability near the
             sensor.
     """
@@ -45,11 +45,12 @@ class Parameters:
     sonar_prob_hit: float = 0.8
     sonar_prob_miss: float = 0.35
     sonar_hit_range: float = 3.5
+    sonar_free_range: float = 1.5
     sonar_silent_range: float = 1.0
     sonar_prob_silent: float = 0.45
 
     def __post_init__(self) -> None:
-        for name in ("resolution", "laser_hit_range", "laser_silent_range", "sonar_hit_range", "sonar_silent_range"):
+        for name in ("resolution", *(name for name in self.__dataclass_fields__ if name.endswith("_range"))):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise ValueError(f"{name} must be a positive number of metres, not {getattr(self, name)}")
         for name in ("prob_hit", "sonar_prob_hit", "clamping_thres_max"):
@@ -140,7 +141,8 @@ class OccupancyMapper:
         for reading, bearing in zip(scan.ranges.tolist(), scan.bearings.tolist(), strict=True):
             if not (math.isfinite(bearing) and (0.0 <= reading <= scan.max_range or reading == math.inf)):
                 continue
-            reach = min(p.sonar_silent_range if reading == math.inf else p.sonar_hit_range, reading, scan.max_range)
+            free = min(p.sonar_silent_range if reading == math.inf else p.sonar_free_range, scan.max_range)
+            reach = reading if reading <= p.sonar_hit_range else min(reading, free)
             rim = bearing + half * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
             # The arc bulges beyond the chords of these five points by less than a percent of its radius.
             self._touch(world_from_sensor, np.full(5, 1.01 * reach + size), rim)
@@ -148,7 +150,7 @@ class OccupancyMapper:
             x, y, theta = grid.local(world_from_sensor)
             model.update_sonar(
                 grid.log_odds, grid.stamp, grid.next_mark(), x, y, theta + bearing, reading / size, half,
-                p.sonar_hit_range / size, reach / size, *self._sonar_weights, log_odds(_OCCUPIED), *self._bounds,
+                p.sonar_hit_range / size, free / size, *self._sonar_weights, log_odds(_OCCUPIED), *self._bounds,
             )  # fmt: skip
 
     def _touch(self, world_from_sensor: SE2, reach: Array, bearings: Array) -> bool:
