@@ -27,7 +27,9 @@ from robocar.core import (
     LogFormatError,
     Observation,
     OccupancyGrid,
+    RangeSensor,
     Robot,
+    Scan,
     ScenarioError,
     frozen_array,
     wrap_angles,
@@ -39,7 +41,7 @@ from robocar.formats import Trajectory, save_ros_map, write_tum
 from robocar.formats.log import Log
 from robocar.formats.mrclam import is_mrclam, load_mrclam
 from robocar.localization_metrics import summarize_localization
-from robocar.map_watch import decided
+from robocar.map_watch import decided, map_metrics
 from robocar.metrics import RunLog, summarize
 from robocar.recording import NullRecorder, Recorder, Scenery
 from robocar.registry import build, find
@@ -86,8 +88,8 @@ def replay(
 
     Args:
         source: a run directory or its `run.rrd`, an MRCLAM folder, a CARMEN log or a table of laser scans.
-        estimator: its name; for a run by default the one of the run. With the run's own estimator, seed and settings the
-            estimate is the run's, bit by bit.
+        estimator: its name; for a run by default the one of the run, for a log with poses `odometry`. With the run's own
+            estimator, seed and settings the estimate is the run's, bit by bit.
         mapper: its name.
         seed: of the estimator's random numbers; by default the run's, or 0.
         settings: parameters, e.g. `{"estimator.max_particles": 400}`.
@@ -101,7 +103,8 @@ def replay(
         RobocarError: the log cannot be read, or does not hold what the estimator needs.
     """
     tape = _open(Path(source))
-    name = estimator or tape.estimator
+    # A log that holds poses (CARMEN) needs nobody to estimate them.
+    name = estimator or tape.estimator or ("odometry" if tape.steps and tape.steps[0][0].odom_pose is not None else None)
     if name is None:
         raise ScenarioError(f"{source}: a log does not say which estimator to run; give --estimator")
     if name == "truth":
@@ -144,7 +147,7 @@ def _replay(
     recorder = _recorder(tape, chosen, seed, files, live) if files and record else NullRecorder()
     beliefs: list[Belief] = []
     reckoned: list[SE2] = []
-    status, reason, trace = "success", f"{len(tape.steps)} observations of {tape.log.path}", ""
+    status, reason, trace = "success", f"{len(tape.steps)} observations of {tape.log.path}{_skipped(tape.log)}", ""
     started = wall.perf_counter()
     command: Command = STOP
     for k, (observation, following) in enumerate(tape.steps):
@@ -161,6 +164,8 @@ def _replay(
         recorder.log(observation, belief, mapper, following, known, odometry=reckoned[-1])
         command = following
     result = _result(tape, chosen, seed, beliefs, reckoned, truth, status, reason, trace, wall.perf_counter() - started)
+    if tape.scene is not None:
+        result.metrics.update(map_metrics(mapper, tape.scene, tape.robot, result.truth.poses, False))
     recorder.close(result.summary())
     return result if files is None else _file(files, result, mapper.grid())
 
@@ -309,11 +314,33 @@ def _open(source: Path) -> _Tape:
 
 def _log_tape(log: Log) -> _Tape:
     """A robot of which only its log is known: its size does not matter, it sees what the log holds."""
-    robot = Robot(car.footprint(), car.LIMITS, car.load_calibration(), car.PULSES_PER_TURN, camera=bool(log.landmarks))
+    robot = Robot(
+        car.footprint(),
+        car.LIMITS,
+        car.load_calibration(),
+        car.PULSES_PER_TURN,
+        lidar=next((_laser(o.lidar) for o in log.observations if o.lidar is not None), None),
+        camera=bool(log.landmarks),
+    )
     name = log.path.name.partition(".")[0] or "log"
     # Nothing but the name matters of it: where the run directory is named and described, a scenario is asked for.
     scenario = Scenario(name=name, description=f"{log.kind} log", map="none", prior="none", start=(0.0, 0.0, 0.0))
     return _Tape(name, tuple((o, Hold()) for o in log.observations), robot, log, None, _CONTROL_PERIOD, scenario)
+
+
+def _laser(scan: Scan) -> RangeSensor:
+    """The scanner that took a scan."""
+    return RangeSensor(
+        scan.name or "laser", scan.robot_from_sensor, scan.bearings, scan.beam_width, 0.0, scan.max_range, _CONTROL_PERIOD
+    )
+
+
+def _skipped(log: Log) -> str:
+    """How many lines of the log made no sense, and which are the first."""
+    if not log.skipped:
+        return ""
+    first = "; ".join(log.skipped[:3])
+    return f", {len(log.skipped)} lines skipped ({first}{'; ...' if len(log.skipped) > 3 else ''})"
 
 
 def _run_tape(folder: Path) -> _Tape:
