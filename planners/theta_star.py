@@ -158,6 +158,7 @@ class ThetaStar:
     def __init__(self, parameters: Parameters | None = None) -> None:
         self.parameters = parameters or Parameters()
         self._a_star = AStar()
+        self._shape = (0, 0)
         # Compiled here, not in the control loop.
         self.plan(Costmap(np.zeros((1, 2), dtype=np.uint8), 1.0), np.array([0.5, 0.5]), np.array([1.5, 0.5]))
 
@@ -175,16 +176,19 @@ class ThetaStar:
         a_star = self._a_star.search(costmap, start_cell, goal_cell)
         if a_star.cells is None:
             raise no_path(start, goal, a_star.expanded)
-        rows, cols = costmap.shape
-        width, n = cols + 2, (rows + 2) * (cols + 2)
-        cost = padded(costmap)
-        g, parent = np.full(n, np.inf), np.empty(n, dtype=np.int32)
-        order, opened = np.full(n, -1, dtype=np.int32), np.empty(n, dtype=np.int32)
+        width = costmap.shape[1] + 2
+        if self._shape != costmap.shape:
+            self._allocate(costmap)
+        cost = self._cost
+        cost[1:-1, 1:-1] = costmap.data
         first, last = ((row + 1) * width + col + 1 for row, col in (start_cell, goal_cell))
-        expanded, n_opened = _search(cost, first, last, self.parameters.weight, g, parent, order, opened)
+        expanded, n_opened = _search(cost, first, last, self.parameters.weight, self._g, self._parent, self._order, self._opened)
         corners = [last]
         while corners[-1] != first:
-            corners.append(int(parent[corners[-1]]))
+            corners.append(int(self._parent[corners[-1]]))
+        opened = self._opened[:n_opened].copy()
+        order = self._order[opened]
+        self._g[opened], self._order[opened] = np.inf, -1  # clean for the next search, without sweeping the whole map
         # Both as polylines in the padded grid's coordinates, from the exact start to the exact goal.
         ends = costmap.grid_from_world(np.array([start, goal])) + 1.0
         centres = np.array([(u % width + 0.5, u // width + 0.5) for u in corners[::-1]])
@@ -195,13 +199,20 @@ class ThetaStar:
             best = candidate
         points = costmap.origin.transform((best - 1.0) * costmap.resolution)
         points[0], points[-1] = start, goal
-        opened = opened[:n_opened].copy()
         return Plan(
             Path(points),
             polyline_cost(cost, best) * costmap.resolution,
             a_star.expanded + expanded,
-            search_trace(costmap, opened, order[opened]),
+            search_trace(costmap, opened, order),
         )
+
+    def _allocate(self, costmap: Costmap) -> None:
+        """Arrays of the search, kept for the next plan on a map of the same shape."""
+        self._shape = costmap.shape
+        self._cost = padded(costmap)
+        n = self._cost.size
+        self._g, self._parent = np.full(n, np.inf), np.empty(n, dtype=np.int32)
+        self._order, self._opened = np.full(n, -1, dtype=np.int32), np.empty(n, dtype=np.int32)
 
 
 def _length(points: Array) -> float:
