@@ -1,4 +1,4 @@
-"""The mapper's costs: a laser scan on a large map, a sonar reading, a snapshot, bytes per cell; and PythonRobotics' scan for comparison.
+"""The mapper's costs: a laser scan on a large map, a sonar reading, a snapshot, bytes per cell; PythonRobotics' for comparison.
 
 Minima over repetitions, as other work on the machine only adds to them. PythonRobotics' `lidar_to_grid_map` is no package that
 can be installed and its code is not to be copied, so a stand-in written from its description is measured on its own data
@@ -35,14 +35,14 @@ def best(work: Callable[[], object], repeats: int) -> float:
 
 
 def python_grid(angles: Array, ranges: Array, resolution: float) -> Array:
-    """A map of one scan, as PythonRobotics' example draws it: 0.5 unknown, 0 along each beam's Bresenham line, 1 around its end."""
+    """A map of one scan, as PythonRobotics' example draws it: 0.5 unknown, 0 along each beam, 1 around its end."""
     ends = np.stack([np.cos(angles), np.sin(angles)], axis=1) * ranges[:, None]
     low, high = ends.min(axis=0) - 1.0, ends.max(axis=0) + 1.0
-    cols, rows = (int(round(n)) for n in (high - low) / resolution)
+    cols, rows = (round(n) for n in (high - low) / resolution)
     grid = np.full((cols, rows), 0.5)
-    centre = tuple(int(round(v)) for v in -low / resolution)
+    centre = tuple(round(v) for v in -low / resolution)
     for x, y in ends:
-        i, j = int(round((x - low[0]) / resolution)), int(round((y - low[1]) / resolution))
+        i, j = round((x - low[0]) / resolution), round((y - low[1]) / resolution)
         for a, b in _bresenham(centre, (i, j)):
             grid[a, b] = 0.0
         grid[i, j] = grid[i + 1, j] = grid[i, j + 1] = grid[i + 1, j + 1] = 1.0
@@ -92,13 +92,11 @@ def main(repeats: int = 300) -> None:
     grid = mapper.grid()
     assert grid is not None
     print(f"map of {grid.shape[1]} x {grid.shape[0]} cells, {mapper.nbytes / grid.data.size:.0f} bytes a cell")
-    print(
-        f"laser scan, {BEAMS} beams, 5.6 m: {1e3 * best(lambda: mapper.update(Belief(pose), laser), repeats):7.3f} ms (target 1 ms)"
-    )
     sonar = Observation(0.0, sonars=(Scan(0.0, np.array([2.0]), np.zeros(1), 5.0, math.radians(15.0)),))
-    print(
-        f"sonar reading, 2 m:             {1e3 * best(lambda: mapper.update(Belief(pose), sonar), repeats):7.3f} ms (target 0.1 ms)"
-    )
+    laser_time = best(lambda: mapper.update(Belief(pose), laser), repeats)
+    sonar_time = best(lambda: mapper.update(Belief(pose), sonar), repeats)
+    print(f"laser scan, {BEAMS} beams, 5.6 m: {1e3 * laser_time:7.3f} ms (target 1 ms)")
+    print(f"sonar reading, 2 m:             {1e3 * sonar_time:7.3f} ms (target 0.1 ms)")
 
     def look() -> None:
         mapper.update(Belief(pose), laser)
@@ -123,9 +121,8 @@ def main(repeats: int = 300) -> None:
 
     mine = best(ours, repeats)
     theirs = best(lambda: python_grid(scan.bearings, scan.ranges, 0.02), max(5, repeats // 30))
-    print(
-        f"lidar01.csv, empty map to picture: {1e3 * mine:.3f} ms; cell by cell in Python {1e3 * theirs:.3f} ms, ratio {theirs / mine:.0f}"
-    )
+    print(f"lidar01.csv, empty map to picture: {1e3 * mine:.3f} ms")
+    print(f"cell by cell in Python:            {1e3 * theirs:.3f} ms, {theirs / mine:.0f} times as long")
 
 
 if __name__ == "__main__":
