@@ -101,7 +101,7 @@ def table(console: Console, title: str, columns: list[str], rows: list[list[str]
 
 def against_tcod(console: Console, worlds: dict[str, OccupancyGrid], count: int) -> None:
     """Median times of the same queries; tcod's planners cut corners, which ours do not."""
-    import tcod.path
+    import tcod.path  # pyright: ignore[reportMissingImports]
 
     planner, theta, rows, ratios = AStar(), ThetaStar(), [], []
     for name, world in worlds.items():
@@ -138,9 +138,9 @@ def against_tcod(console: Console, worlds: dict[str, OccupancyGrid], count: int)
 
 def against_python(console: Console, count: int) -> None:
     """Pure-Python planners on small maps, where they finish."""
-    import python_motion_planning as pmp
-    from pathfinding.core.grid import Grid
-    from pathfinding.finder.a_star import AStarFinder
+    import python_motion_planning as pmp  # pyright: ignore[reportMissingImports]
+    from pathfinding.core.grid import Grid  # pyright: ignore[reportMissingImports]
+    from pathfinding.finder.a_star import AStarFinder  # pyright: ignore[reportMissingImports]
 
     planner, rows = AStar(), []
     rng = np.random.default_rng(0)

@@ -15,6 +15,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 
 from planners.dynamic_a_star import Lattice
 from robocar.core import SE2, Array
@@ -138,7 +139,7 @@ def _picture(path: Path, grouped: dict[tuple[str, str], list[RunResult]], scene:
     plt.close(figure)
 
 
-def _draw_world(axis: plt.Axes, scene: Scene) -> None:
+def _draw_world(axis: Axes, scene: Scene) -> None:
     grid = scene.grid
     extent = (0, grid.size[0], 0, grid.size[1])
     image = axis.imshow(np.where(grid.occupied, 0.35, 1.0), cmap="gray", vmin=0, vmax=1, origin="lower", extent=extent)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import sys
 import threading
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -22,6 +23,12 @@ _FOOTER = b"RRF2FOOT"
 def _recording(run_id: str) -> rr.RecordingStream:
     # Chunks end where the recorder flushes, not where a clock says: equal runs have equal files.
     return rr.RecordingStream("robocar", recording_id=run_id, send_properties=False, batcher_config=rr.ChunkBatcherConfig.NEVER())
+
+
+def _viewer_path() -> str | None:
+    """The viewer beside this Python, so that an environment need not be activated; None: wherever PATH has it."""
+    path = Path(sys.executable).with_name("rerun")
+    return str(path) if path.is_file() else None
 
 
 class Streams:
@@ -58,7 +65,7 @@ class Streams:
 
         def connect() -> None:
             if live is True:
-                rr.spawn(hide_welcome_screen=True, default_blueprint=views, recording=viewer)
+                rr.spawn(hide_welcome_screen=True, default_blueprint=views, recording=viewer, executable_path=_viewer_path())
             else:
                 viewer.connect_grpc(str(live), default_blueprint=views)
 

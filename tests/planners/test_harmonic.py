@@ -52,8 +52,8 @@ def test_a_path_is_found_exactly_where_there_is_one(costmap, seed, smooth) -> No
 @given(
     st.integers(0, 2**32 - 1),
     st.sampled_from([0.1, 0.25, 0.38]),
-    st.floats(0, 1, exclude_max=True),
-    st.floats(0, 1, exclude_max=True),
+    st.floats(0, 0.999999),  # 1 - 2**-53 added to a column is the next column
+    st.floats(0, 0.999999),
 )
 @settings(max_examples=40, deadline=None)
 def test_streamlines_rise_everywhere_and_reach_the_goal(seed, share, dx, dy) -> None:

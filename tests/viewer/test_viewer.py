@@ -37,7 +37,10 @@ def viewer_without_screen():
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    with ViewerClient.spawn(headless=True, port=port, hide_welcome_screen=True) as viewer:
+    # The viewer beside this Python: the environment need not be activated.
+    beside = Path(sys.executable).with_name("rerun")
+    path = str(beside) if beside.is_file() else None
+    with ViewerClient.spawn(headless=True, port=port, hide_welcome_screen=True, executable_path=path) as viewer:
         yield viewer
 
 
