@@ -175,7 +175,8 @@ def _draw_world(axis: Axes, scene: Scene) -> None:
     assert scene.goal is not None
     axis.plot(scene.start.x, scene.start.y, "o", color="black", ms=5)
     axis.plot(*scene.goal.position, "*", color="tab:orange", ms=12)
-    axis.set(aspect="equal")
+    low, high = corners.min(axis=0) - 0.05, corners.max(axis=0) + 0.05
+    axis.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
 
 
 if __name__ == "__main__":
