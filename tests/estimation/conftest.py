@@ -1,4 +1,4 @@
-"""`robocar.sim` says how mujoco renders without a screen, before a test imports it. Compiling in a first example is no timeout."""
+"""`robocar.sim` says how mujoco renders without a screen, before a test imports it. Compiling in an example is no timeout."""
 
 from hypothesis import settings
 
