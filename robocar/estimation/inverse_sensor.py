@@ -84,6 +84,13 @@ def update_laser(
 
 
 @njit(cache=True)
+def _fan(k: int, rays: int, half_width: float) -> float:
+    """Angle of the k-th of an odd number of rays: from the axis outwards, so that a cell counts as what it is nearest to it."""
+    side = 1.0 if k % 2 == 0 else -1.0
+    return side * half_width * ((k + 1) // 2) / (rays // 2)
+
+
+@njit(cache=True)
 def update_sonar(
     log_odds: NDArray, stamp: NDArray, mark: int, x: float, y: float, axis: float, reading: float, half_width: float,
     hit_range: float, free_range: float, hit: float, miss: float, silent_miss: float, solid: float, low: float, high: float,
@@ -108,13 +115,13 @@ def update_sonar(
     echo = reading <= hit_range
     change = silent_miss if reading == math.inf else miss
     reach = min(reading, free_range)
-    rays = 3 + int(4.0 * half_width * (reading if echo else reach))  # half a cell apart at their ends
+    rays = 3 + 2 * int(2.0 * half_width * (reading if echo else reach))  # half a cell apart at their ends
     if echo:
         cells = np.empty((rays, 2), dtype=np.int64)
         shares = np.empty(rays)
         n, total = 0, 0.0
         for k in range(rays):
-            offset = half_width * (2.0 * k / (rays - 1) - 1.0)
+            offset = _fan(k, rays, half_width)
             row = math.floor(y + (reading + _SURFACE) * math.sin(axis + offset))
             col = math.floor(x + (reading + _SURFACE) * math.cos(axis + offset))
             if not (0 <= row < rows and 0 <= col < cols) or stamp[row, col] == mark:
@@ -128,9 +135,7 @@ def update_sonar(
         for k in range(n):
             _add(log_odds, cells[k, 0], cells[k, 1], hit * shares[k] / total, low, high)
     for k in range(rays):
-        # From the axis outwards, so that a cell near the sensor, where all rays pass, counts as what it is on the axis.
-        side = 1.0 if k % 2 == 0 else -1.0
-        offset = side * half_width * ((k + 1) // 2) / (rays // 2)
+        offset = _fan(k, rays, half_width)
         angular = 1.0 - (offset / half_width) ** 2 if half_width > 0.0 else 1.0
         dx, dy = math.cos(axis + offset), math.sin(axis + offset)
         steps = int(2.0 * reach)

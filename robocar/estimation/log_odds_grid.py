@@ -57,8 +57,8 @@ class LogOddsGrid:
         Raises:
             MapTooLarge: the map would have more than `MAX_CELLS` cells.
         """
-        values = (left, low, right, high)
-        c0, r0, c1, r1 = (math.floor(v / self.resolution) + shift for v, shift in zip(values, (0, 0, 1, 1), strict=True))
+        values = (left, low, right, high)  # and a cell around them, as points on a border round either way
+        c0, r0, c1, r1 = (math.floor(v / self.resolution) + shift for v, shift in zip(values, (-1, -1, 2, 2), strict=True))
         self._cover(r0, r1, c0, c1)
         r0, r1, c0, c1 = r0 - self._first_row, r1 - self._first_row, c0 - self._first_col, c1 - self._first_col
         if self._dirty is not None:

@@ -180,12 +180,11 @@ class OccupancyMapper:
     def _compile(self) -> None:
         """Compiles, or loads, the kernels outside the control loop."""
         self._forget()
-        for scan in (
-            Scan(0.0, np.array([0.1, math.inf]), np.array([0.0, 1.0]), 0.2),
-            Scan(0.0, np.array([0.1]), np.array([0.0]), 0.2, 0.2),
-        ):
-            (self._take_sonar if scan.beam_width else self._take_laser)(SE2(), scan)
-        self._radius, radius = 0.1, self._radius
+        size = self.parameters.resolution
+        ranges = np.array([2.0 * size, math.nan])
+        self._take_laser(SE2(), Scan(0.0, ranges, np.zeros(2), 4.0 * size))
+        self._take_sonar(SE2(), Scan(0.0, ranges, np.zeros(2), 4.0 * size, 0.2))
+        self._radius, radius = size, self._radius
         self._stand(SE2())
         self._radius = radius
         self._grid.snapshot()
