@@ -136,6 +136,7 @@ class DynamicAStar:
     def reset(self, rng: np.random.Generator) -> None:
         self._lattice: Lattice | None = None
         self._memory: ObstacleMemory | None = None
+        self._shown: OccupancyGrid | None = None
         self._blocked = np.zeros((0, 0), dtype=bool)
         self._way: list[Array] = []  # points still to be reached, the next one first
         self._planned_to: Array | None = None
@@ -162,8 +163,15 @@ class DynamicAStar:
         if goal is None:
             return GiveUp("dynamic-a-star needs a goal")
         memory = self._prepare(belief.pose, goal)
-        for scan in observation.scans:
-            memory.mark(belief.pose, scan, self._parameters.hit_range, self._parameters.free_range)
+        if getattr(mapper, "sees_everything", False):  # a camera above the field: the thesis' other source of obstacles
+            self._look_around = self._parameters.look_around == "always"
+            seen = mapper.grid()
+            if seen is not None and seen is not self._shown:
+                memory.show(seen)
+                self._shown = seen
+        else:
+            for scan in observation.scans:
+                memory.mark(belief.pose, scan, self._parameters.hit_range, self._parameters.free_range)
         trace: dict[str, object] = {}
         if self._planned_to is None or (not self._retreating and self._must_replan(belief.pose)):
             problem = self._replan(belief.pose, goal, trace)

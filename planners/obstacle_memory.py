@@ -160,6 +160,18 @@ class ObstacleMemory:
                 seen = reading if reading <= hit_range else 1e6  # too far to mark, yet free before it
                 _mark_cone(self._evidence, col, row, heading + bearing, seen * scale, half, free_range * scale, 0.02 * scale)
 
+    def show(self, seen: OccupancyGrid) -> None:
+        """Takes in a map that shows every obstacle as it is now: it replaces all echoes; the prior stays."""
+        rows, cols = self._evidence.shape
+        col, row = np.meshgrid(np.arange(cols) + 0.5, np.arange(rows) + 0.5)
+        points = self._origin.transform(np.stack([col.ravel(), row.ravel()], axis=1) * self.resolution)
+        cells = seen.cell_from_world(points)
+        inside = seen.contains(cells)
+        occupied = np.zeros(len(points), dtype=bool)
+        occupied[inside] = seen.occupied[cells[inside, 0], cells[inside, 1]]
+        fresh = np.where(occupied.reshape(rows, cols), _MOST, 0)
+        self._evidence = np.where(np.abs(self._evidence) == _PRIOR, self._evidence, fresh).astype(np.int8)
+
     def disc_blocked(self, centre: tuple[float, float], radius: float) -> bool:
         """See `_disc_blocked`; in metres."""
         col, row = self._grid_point(centre)

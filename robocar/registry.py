@@ -120,6 +120,12 @@ ESTIMATORS: dict[str, Entry] = {
         "Thrun, Burgard and Fox 2005, Table 7.2",
         parameters=("robocar.estimation.ekf:KalmanParameters", "robocar.estimation.motion_models:MotionParameters"),
     ),
+    "top-camera": Entry(
+        "robocar.estimation.top_camera:build",
+        "the car's two markers, seen by the camera above the field; odometry in between",
+        "Utomo 2015, section 3.5",
+        parameters=("robocar.estimation.top_camera:TopCameraParameters",),
+    ),
 }
 
 MAPPERS: dict[str, Entry] = {
@@ -135,6 +141,12 @@ MAPPERS: dict[str, Entry] = {
         "occupancy grid from the sonars, in log-odds",
         "Utomo 2015, sections 2.7, 4.6",
         parameters=("robocar.estimation.mapping:Parameters",),
+    ),
+    "top-camera": Entry(
+        "robocar.estimation.top_camera:build_mapper",
+        "obstacles on the floor that the camera above the field sees",
+        "Utomo 2015, section 3.5",
+        parameters=("robocar.estimation.top_camera:TopMapParameters",),
     ),
 }
 

@@ -119,6 +119,7 @@ def replay(
         raise ScenarioError(f"--set {wrong}: a log is as it is; only parameters of the estimator and the mapper can be set")
     if name == tape.estimator:
         parameters["estimator"] = split_overrides(tape.settings or {})[1]["estimator"] | parameters["estimator"]
+        given |= {f"estimator.{key}": value for key, value in parameters["estimator"].items()}
     number = tape.seed if seed is None else seed
     if isinstance(number, bool) or not isinstance(number, int) or number < 0:
         raise ScenarioError(f"the seed must be a whole number from 0 on, not {number!r}")
@@ -350,6 +351,8 @@ def _run_tape(folder: Path) -> _Tape:
     try:
         config = yaml.safe_load((folder / "config.yaml").read_text())
         seed, settings, estimator = int(config["seed"]), dict(config["settings"]), str(config["estimator"])
+        if config["navigator"] == "replay" and config["scenario"]["map"] == "none":
+            raise LogFormatError(f"{folder}: the replay of a log holds no world; replay the log itself")
         place = {"folder": Path(config["folder"])} if "folder" in config else {}
         scenario = Scenario.model_validate(config["scenario"] | place)
     except (OSError, KeyError, TypeError, ValueError, yaml.YAMLError) as error:

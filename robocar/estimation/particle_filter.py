@@ -56,8 +56,8 @@ class FilterParameters:
         initial_std_xy, initial_std_theta: of the start, if it is known [m], [rad].
     """
 
-    min_particles: int = 1000
-    max_particles: int = 3000
+    min_particles: int = 2000
+    max_particles: int = 5000
     pf_err: float = 0.05
     pf_z: float = 2.33
     model: str = "bearing-range"
