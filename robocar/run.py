@@ -36,6 +36,8 @@ from robocar.sim.oracle import PoseOracle
 from robocar.sim.simulation import Simulation
 
 SCHEMA = 1
+EXPLORATION_TIME = 4.0
+"""Times the scenario's time limit, which is meant for the way to its goal, an exploration may take, unless one is set for it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,7 +143,8 @@ def run(
     scene = Scene.load(loaded, footprint())
     with ExitStack() as stack:
         files = stack.enter_context(RunDirectory(out, loaded, chosen, seed, settings or {}, force)) if out is not None else None
-        return _run(stack, loaded, scene, chosen, parameters, seed, files, record, live, progress)
+        patient = "time_limit" not in (settings or {})
+        return _run(stack, loaded, scene, chosen, parameters, seed, files, record, live, progress, patient)
 
 
 def _run(
@@ -155,6 +158,7 @@ def _run(
     record: bool,
     live: bool,
     progress: Progress | None,
+    patient: bool,
 ) -> RunResult:
     car = _simulation(scene, seed)
     stack.callback(car.close)
@@ -190,7 +194,7 @@ def _run(
         recorder,
         OdometryEstimator(context("odometry", {})),
         goal,
-        _rules(scenario),
+        _rules(scenario, EXPLORATION_TIME if exploring and patient else 1.0),
         progress,
     )
     wall_time = wall.perf_counter() - started  # of the loop: building the world does not count
@@ -229,9 +233,9 @@ def _simulation(scene: Scene, seed: int) -> Simulation:
     )
 
 
-def _rules(scenario: Scenario) -> Rules:
+def _rules(scenario: Scenario, patience: float) -> Rules:
     return Rules(
-        time_limit=scenario.time_limit,
+        time_limit=scenario.time_limit * patience,
         end_on_contact=scenario.on_contact == "end",
         success_radius=scenario.success_radius,
         movement_radius=scenario.progress.required_movement_radius,

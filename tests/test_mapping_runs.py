@@ -143,6 +143,15 @@ def test_a_map_that_outgrows_memory_ends_the_run() -> None:
     assert "cells" in result.reason
 
 
+def test_an_exploration_has_more_time_than_the_way_to_the_goal() -> None:
+    """Oracle: by hand: four times the scenario's limit, unless the user sets one."""
+    world = {"map": "maps/maze.yaml", "start": [0.35, 0.35, 0], "robot": {"lidar": "scan360"}, "time_limit": 2.0}
+    longer = robocar.run(world, navigator="explore", estimator="truth", mapper="laser")
+    assert (longer.status, longer.value("duration")) == ("timeout", pytest.approx(8.0, abs=0.06))
+    asked = robocar.run(world, navigator="explore", estimator="truth", mapper="laser", settings={"time_limit": 3.0})
+    assert (asked.status, asked.value("duration")) == ("timeout", pytest.approx(3.0, abs=0.06))
+
+
 def test_decided() -> None:
     """Oracle: by hand: 65 % and above is occupied, below free."""
     grid = OccupancyGrid(np.array([[-1, 0, 35, 64, 65, 100]], dtype=np.int8), 0.1, SE2(1, 2, 0.3))
