@@ -48,6 +48,32 @@ class Guesses:
         poses = np.concatenate([poses, self._from_circles(count - len(poses), known, rng)])
         return np.concatenate([poses, self.anywhere(count - len(poses), rng)])
 
+    def by_ranges(self, count: int, detections: Sequence[Detection], rng: np.random.Generator) -> Array:
+        """Poses (count, 3) where the circles around two landmarks meet, with any heading: all that ranges alone say."""
+        known = [d for d in detections if d.landmark in self._atlas]
+        found = [np.empty((0, 3))]
+        for k, one in enumerate(known):
+            for other in known[k + 1 :]:
+                found.append(self._crossings(count, one, other, rng))
+        poses = np.concatenate(found)
+        poses = poses[rng.permutation(len(poses))[:count]]
+        return np.concatenate([poses, self.anywhere(count - len(poses), rng)])
+
+    def _crossings(self, count: int, one: Detection, other: Detection, rng: np.random.Generator) -> Array:
+        places = [
+            self._atlas.places(d.landmark)[rng.integers(len(self._atlas.places(d.landmark)), size=count)] for d in (one, other)
+        ]
+        apart = places[1] - places[0]
+        distance = np.maximum(np.linalg.norm(apart, axis=1), 1e-9)
+        (_, near), (_, far) = self._noisy(one, count, rng), self._noisy(other, count, rng)
+        along = (distance**2 + near**2 - far**2) / (2.0 * distance)
+        square = near**2 - along**2
+        aside = rng.choice((-1.0, 1.0), count) * np.sqrt(np.maximum(square, 0.0))
+        ahead = apart / distance[:, None]
+        points = places[0] + along[:, None] * ahead + aside[:, None] * np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
+        meet = (square >= 0.0) & self._area.holds(points)
+        return np.concatenate([points, rng.uniform(-math.pi, math.pi, (count, 1))], axis=1)[meet]
+
     def anywhere(self, count: int, rng: np.random.Generator) -> Array:
         """Poses spread evenly over the area, (count, 3)."""
         return np.concatenate([self._area.sample(count, rng), rng.uniform(-math.pi, math.pi, (count, 1))], axis=1)

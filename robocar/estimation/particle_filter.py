@@ -202,9 +202,11 @@ class ParticleFilter:
         return fresh
 
     def _fresh(self, count: int, detections: Sequence[Detection]) -> Array:
-        """Poses (count, 3) that what is seen suggests; anywhere, for models that do not use bearings and ranges."""
+        """Poses (count, 3) that what is seen suggests; anywhere, for headings alone."""
         if self.parameters.model == "bearing-range":
             return self._guesses.draw(count, self._odometry, detections, self._rng)
+        if self.parameters.model == "ranges":
+            return self._guesses.by_ranges(count, detections, self._rng)
         return self._guesses.anywhere(count, self._rng)
 
     def estimate(self) -> Estimate:

@@ -268,6 +268,20 @@ def test_guesses_from_pairs_and_circles_explain_what_is_seen() -> None:
     assert np.ptp(np.arctan2(*(circles[:, :2] - MARKS[1].position[:2]).T)) > 1.0
 
 
+def test_guesses_from_ranges_lie_where_the_circles_meet() -> None:
+    rng = np.random.default_rng(1)
+    guesses = Guesses(Atlas(MARKS), Area(None, MARKS), 0.0, 0.0)
+    seen = [sight(START, mark, 0.0) for mark in MARKS]
+    poses = guesses.by_ranges(500, seen, rng)
+    assert poses.shape == (500, 3)
+    # Two circles meet twice; outside the area around the field, one of the places is mostly refused.
+    near = np.hypot(*(poses[:, :2] - START.position).T) < 0.25
+    assert near.mean() > 0.5
+    assert np.ptp(poses[near, 2]) > 6.0
+    assert guesses.by_ranges(20, seen[:1], rng).shape == (20, 3)
+    assert guesses.by_ranges(20, [], rng).shape == (20, 3)
+
+
 def test_the_area_is_the_free_part_of_the_map() -> None:
     data = np.full((10, 20), 100, dtype=np.int8)
     data[3:6, 5:9] = 0
