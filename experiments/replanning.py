@@ -78,7 +78,7 @@ def generated_world(kind: str, seed: int, folder: Path) -> dict[str, Any]:
         "start": [*start.tolist(), 0.0],
         "goal": goal.tolist(),
         "robot": {"lidar": "scan360"},
-        "time_limit": 300.0,
+        "time_limit": 600.0,
     }
 
 
