@@ -87,9 +87,7 @@ def main(out: Path, quick: bool = False) -> None:
         f"{len(seeds)} seeds each, ten cells of 30 cm along y = 0.5 m; F1 and share unknown over all cells in sight of the way, "
         "whichever way the car looked.",
     )
-    straight, *remedies = (
-        float(report.numbers[f"{p.replace(', ', '/').replace(' ', '_')}/side_walls_found"]["value"]) for p in POLICIES
-    )
+    straight, *remedies = (100.0 * float(report.numbers[f"{_tag(p)}/side_walls_found"]["value"]) for p in POLICIES)
     report.say(
         f"The thesis' finding: driving straight with sonars ahead shows {straight:.0f} % of the side walls; its remedies show "
         f"{remedies[0]:.0f} % (turning in each cell) and {remedies[1]:.0f} % (side sonars); a ring {remedies[2]:.0f} %, a laser "
