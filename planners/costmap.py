@@ -255,7 +255,7 @@ def _set_around_hits(
     """Sets the mask in the cells that a scan hit and in their neighbours; lengths in cells but `ranges` [m]."""
     rows, cols = mask.shape
     for i in range(len(ranges)):
-        if math.isfinite(ranges[i]):
+        if 0.0 <= ranges[i] < math.inf:
             reading, angle = ranges[i] / resolution, theta + bearings[i]
             row, col = math.floor(y + reading * math.sin(angle)), math.floor(x + reading * math.cos(angle))
             mask[max(0, row - 1) : max(0, min(rows, row + 2)), max(0, col - 1) : max(0, min(cols, col + 2))] = value
@@ -275,7 +275,7 @@ def _laser(
     n = 0
     _set_around_hits(near_hit, True, x, y, theta, ranges, bearings, resolution)
     for i in range(len(ranges)):
-        if math.isnan(ranges[i]):
+        if not ranges[i] >= 0.0:  # dropped, or below zero by its noise
             continue
         angle = theta + bearings[i]
         dx, dy = math.cos(angle), math.sin(angle)
@@ -288,7 +288,7 @@ def _laser(
         delta_y = abs(1.0 / dy) if dy != 0.0 else math.inf
         next_x = abs(col + (step_col > 0) - x) * delta_x if dx != 0.0 else math.inf
         next_y = abs(row + (step_row > 0) - y) * delta_y if dy != 0.0 else math.inf
-        while col != last_col or row != last_row:
+        for _ in range(abs(last_col - col) + abs(last_row - row)):  # all but the last cell
             if 0 <= row < rows and 0 <= col < cols and evidence[row, col] > 0 and not near_hit[row, col]:
                 evidence[row, col] -= 1
                 if evidence[row, col] == _HIT - 1:
@@ -301,7 +301,7 @@ def _laser(
                 next_y += delta_y
     for i in range(len(ranges)):
         reading = ranges[i] / resolution
-        if not reading <= mark_reach:  # not a number, infinite or too far
+        if not 0.0 <= reading <= mark_reach:  # not a number, infinite, below zero or too far
             continue
         angle = theta + bearings[i]
         row, col = math.floor(y + reading * math.sin(angle)), math.floor(x + reading * math.cos(angle))
@@ -321,7 +321,7 @@ def _sonar(
     rows, cols = evidence.shape
     n = 0
     for i in range(len(ranges)):
-        if not math.isfinite(ranges[i]):
+        if not 0.0 <= ranges[i] < math.inf:
             continue
         reading = ranges[i] / resolution
         axis = theta + bearings[i]

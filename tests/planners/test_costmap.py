@@ -236,6 +236,21 @@ def test_without_a_prior_the_grid_covers_what_it_must_and_grows_with_the_way() -
     assert not layer.costmap().same_place(first)
 
 
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), width=st.sampled_from([0.0, 0.3]))
+def test_readings_that_no_surface_gives_change_nothing(seed: int, width: float) -> None:
+    """Property: below zero (noise at a surface that is touched) or not a number, a reading says nothing."""
+    rng = np.random.default_rng(seed)
+    layer = LayeredCostmap(EMPTY, car(), OPEN)
+    layer.update(SE2(), laser(np.array([0.5]), np.array([0.0])))
+    before = layer.costmap()
+    for _ in range(20):
+        ranges = np.where(rng.random(9) < 0.2, np.nan, -rng.uniform(1e-6, 0.1, 9))
+        pose = SE2(*rng.uniform(-0.3, 0.0, 2), rng.uniform(-3.0, 3.0))
+        layer.update(pose, Observation(0.0, (Scan(0.0, ranges, rng.uniform(-3.0, 3.0, 9), 6.0, width),)))
+    assert layer.costmap() is before
+
+
 @settings(max_examples=10, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_a_wall_seen_along_does_not_crumble(seed: int) -> None:
@@ -248,7 +263,7 @@ def test_a_wall_seen_along_does_not_crumble(seed: int) -> None:
     bearings = np.radians(np.arange(0.0, 360.0, 1.0))
     gaps = []
     for k in range(60):
-        pose = SE2(0.5 + 0.05 * k, -0.9 + 0.1 * rng.standard_normal(), rng.uniform(-3.0, 3.0))
+        pose = SE2(0.5 + 0.05 * k, -0.9 + rng.uniform(-0.25, 0.25), rng.uniform(-3.0, 3.0))
         ranges = cast_rays(world, world.occupied, pose.position, pose.theta + bearings, 6.0)
         layer.update(pose, laser(ranges + 0.02 * rng.standard_normal(360), bearings))
         columns = {round(x / 0.05 - 0.5) for x in lethal_points(layer)[:, 0]}
