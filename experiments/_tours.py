@@ -1,7 +1,7 @@
 """Drives along the thesis' four way points, and estimators that listen to what was sensed on the way.
 
-The car is steered by its true pose, so every estimator gets the same sensor data. Pictures are searched for balls once; what
-was found goes into the observations in their place.
+The car is driven by `a-star` on its true pose, so every estimator gets the same sensor data. Pictures are searched for balls
+once; what was found goes into the observations in their place.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from robocar.core import (
     SE2,
     STOP,
     Array,
+    Belief,
     Context,
     Detection,
-    Drive,
+    Goal,
     Landmark,
     Observation,
     OccupancyGrid,
     Robot,
-    Twist,
-    wrap_angle,
 )
 from robocar.core.randomness import stream
 from robocar.core.trace import Scalar
 from robocar.estimation.balls import BallDetector
+from robocar.estimation.no_mapper import NoMapper
 from robocar.registry import build
 from robocar.run import simulate
 from robocar.scenario import load_scenario
@@ -76,6 +76,8 @@ def drive(seed: int, kidnap: float | None = None, duration: float = DURATION) ->
     detector = BallDetector(scene.landmarks)
     names, points = list(WAY_POINTS), np.array(list(WAY_POINTS.values()))
     target = int(np.argmin(np.hypot(*(points - start.position).T)))
+    context = Context(simulation.robot, scene.prior, start, (), {"desired_linear_vel": SPEED}, rng, simulation.control_period)
+    driver = build("navigator", "a-star", context)
     observations, truth, carried, passed = [], [], [], []
     moved = False
     while simulation.time < duration - 1e-9:
@@ -89,10 +91,12 @@ def drive(seed: int, kidnap: float | None = None, duration: float = DURATION) ->
         if moved:
             pose = _carried(scene, pose, rng)
             simulation.kidnap(pose)
+            driver.reset(rng)
         if math.dist(points[target], (pose.x, pose.y)) < 0.10:
             passed.append((names[target], len(truth) - 1))
             target = (target + 1) % len(names)
-        simulation.act(Drive(_toward(pose, points[target], scene)))
+        driver_sees = Observation(sensed.time)  # the map is all that it needs
+        simulation.act(driver.command(Belief(pose), NoMapper(), driver_sees, Goal(points[target], xy_goal_tolerance=0.05)))
     simulation.close()
     table = np.array(truth)
     return Tour(
@@ -125,18 +129,6 @@ def _carried(scene: Scene, pose: SE2, rng: np.random.Generator) -> SE2:
         if 0.3 < there.x < FIELD[0] - 0.3 and 0.3 < there.y < FIELD[1] - 0.3 and scene.clearance(footprint().at(there)) > 0.1:
             return there
     raise RuntimeError("there is no room 2 m away")
-
-
-def _toward(pose: SE2, point: Array, scene: Scene) -> Twist:
-    """Straight to the point, round the field's block by way of its nearest corner where it lies between."""
-    aim = point
-    for share in np.linspace(0.0, 1.0, 20):
-        x, y = (1 - share) * pose.position + share * point
-        if scene.grid.occupied[scene.grid.cell_inside((x, y))]:
-            aim = np.array([point[0], pose.y]) if abs(pose.y - 1.65) > 0.5 else np.array([pose.x, point[1]])
-            break
-    off = wrap_angle(math.atan2(aim[1] - pose.y, aim[0] - pose.x) - pose.theta)
-    return Twist(SPEED if abs(off) < 0.5 else 0.0, max(-1.0, min(1.0, 2.0 * off)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

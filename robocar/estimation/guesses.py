@@ -15,7 +15,7 @@ from robocar.core import SE2, Array, Detection
 from robocar.estimation.area import Area
 from robocar.estimation.sensor_models import Atlas
 
-_MEMORY = 5.0  # [s]
+_MEMORY = 5.0  # [s] older sightings say nothing about a robot that may have been carried off since
 _TRIES = 8  # poses drawn for each that is wanted: many lie in walls
 
 
@@ -36,8 +36,6 @@ class Guesses:
         for detection in detections:
             if detection.landmark in self._atlas:
                 self._last[detection.landmark] = odometry, detection
-                now = detection.time
-                self._last = {name: seen for name, seen in self._last.items() if abs(now - seen[1].time) <= _MEMORY}
 
     def draw(self, count: int, odometry: SE2, detections: Sequence[Detection], rng: np.random.Generator) -> Array:
         """Poses (count, 3) of now, when the odometry says `odometry`: half from pairs of landmarks, the rest from single ones."""
@@ -103,7 +101,7 @@ class Guesses:
         found = []
         for detection in known:
             for name, (pose, other) in self._last.items():
-                if name != detection.landmark:
+                if name != detection.landmark and abs(detection.time - other.time) <= _MEMORY:
                     found.append(self._from_pair(count, detection, odometry.inverse() @ pose, other, rng))
         poses = np.concatenate([np.empty((0, 3)), *found])
         return poses[rng.permutation(len(poses))[:count]]

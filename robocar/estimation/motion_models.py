@@ -39,7 +39,14 @@ def draw(rng: np.random.Generator, shape: tuple[int, int], kind: Noise) -> Array
     """Noise of mean 0 and variance 1: normal (thesis, eq. 2.37) or triangular within +-sqrt(6) (eq. 2.38)."""
     if kind == "normal":
         return rng.standard_normal(shape)
-    return (rng.random(shape) - rng.random(shape)) * math.sqrt(6.0)
+    return bounded(rng, shape) * math.sqrt(6.0)
+
+
+def bounded(rng: np.random.Generator, shape: tuple[int, int]) -> Array:
+    """Triangular noise within -1 and 1, mean 0, variance 1/6; costs half of the normal distribution's."""
+    noise = rng.random(shape)
+    noise -= rng.random(shape)
+    return noise
 
 
 @njit(cache=True)

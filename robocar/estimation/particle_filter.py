@@ -22,7 +22,7 @@ import numpy as np
 
 from robocar.core import SE2, Array, Belief, Command, Context, Detection, Observation, Scalar, Segments, Text
 from robocar.core.trace import Drawable
-from robocar.estimation import estimates, resampling, sensor_models
+from robocar.estimation import estimates, motion_models, resampling, sensor_models
 from robocar.estimation.area import Area
 from robocar.estimation.estimates import Estimate
 from robocar.estimation.guesses import Guesses
@@ -69,7 +69,7 @@ class FilterParameters:
     scatter_xy: float = 0.008
     scatter_theta: float = 0.006
     recovery_alpha_slow: float = 0.01
-    recovery_alpha_fast: float = 0.1
+    recovery_alpha_fast: float = 0.2
     recovery_ratio: float = 3.0
     estimate: str = "group"
     group_radius: float = 0.4
@@ -153,10 +153,8 @@ class ParticleFilter:
         return mean > 0.0
 
     def _likelihoods(self, seen: Sightings) -> Array:
-        likelihoods = np.empty(len(self.particles))
-        kernel = sensor_models.ranges if self.parameters.model == "ranges" else sensor_models.bearing_range
-        kernel(self.particles, seen.values, seen.first, seen.places, self.parameters.outlier, likelihoods)
-        return likelihoods
+        model = sensor_models.ranges if self.parameters.model == "ranges" else sensor_models.bearing_range
+        return model(self.particles, seen, self.parameters.outlier)
 
     @property
     def lost_share(self) -> float:
@@ -188,16 +186,12 @@ class ParticleFilter:
         fresh = round(share * count)
         chosen = choose(self.weights, count - fresh, rng)
         kept = resampling.scattered(
-            self.particles, self.weights, chosen, p.scatter_xy, p.scatter_theta, rng.standard_normal((len(chosen), 3))
+            self.particles, self.weights, chosen, p.scatter_xy, p.scatter_theta, motion_models.bounded(rng, (len(chosen), 3))
         )
         self.particles = np.concatenate([kept, self._fresh(fresh, detections)]) if fresh else kept
         if fresh:  # who is lost still knows how the robot drives
             chosen = np.concatenate([chosen, chosen[rng.integers(len(chosen), size=fresh)]])
-        # Drawn a little towards their mean, so that fresh variety does not add up to spread (Liu and West 2001, section 10.3.3).
-        biases = self.biases[chosen]
-        mean = biases.mean(axis=0)
-        spread = biases.std(axis=0) * math.sqrt(1.0 - _SHRINK**2) + _LEAST_BIAS
-        self.biases = mean + _SHRINK * (biases - mean) + spread * rng.standard_normal((count, 2))
+        self.biases = resampling.shrunk(self.biases, chosen, _SHRINK, _LEAST_BIAS, motion_models.bounded(rng, (count, 2)))
         self.weights = np.full(count, 1.0 / count)
         return fresh
 

@@ -87,19 +87,46 @@ SCHEMES: dict[str, Callable[[Array, int, np.random.Generator], Indices]] = {
 
 @njit(cache=True)
 def scattered(particles: Array, weights: Array, chosen: Indices, size: float, angle: float, noise: Array) -> Array:
-    """Copies of the chosen particles (n, 3), each moved by Delta (1 - w) g, g normal and cut at +-1 (thesis, eq. 2.42).
+    """Copies of the chosen particles (n, 3), each moved by Delta (1 - w) g with g within [-1, 1] (thesis, eq. 2.42).
 
     Args:
         size, angle: Delta of the position [m] and of the heading [rad].
-        noise: normal numbers, (n, 3).
+        noise: g of each, (n, 3); the thesis cuts a normal distribution, here `motion_models.bounded` needs no cutting.
     """
     copies = np.empty((len(chosen), 3))
     for k in range(len(chosen)):
         i = chosen[k]
         share = 1.0 - weights[i]
-        copies[k, 0] = particles[i, 0] + size * share * min(1.0, max(-1.0, noise[k, 0]))
-        copies[k, 1] = particles[i, 1] + size * share * min(1.0, max(-1.0, noise[k, 1]))
-        copies[k, 2] = particles[i, 2] + angle * share * min(1.0, max(-1.0, noise[k, 2]))
+        copies[k, 0] = particles[i, 0] + size * share * noise[k, 0]
+        copies[k, 1] = particles[i, 1] + size * share * noise[k, 1]
+        copies[k, 2] = particles[i, 2] + angle * share * noise[k, 2]
+    return copies
+
+
+@njit(cache=True)
+def shrunk(values: Array, chosen: Indices, shrink: float, least: float, noise: Array) -> Array:
+    """Copies of slowly changing parameters with a little new variety, but drawn towards their mean by as much as it adds.
+
+    Liu and West, Combined Parameter and State Estimation in Simulation-Based Filtering (2001), section 10.3.3.
+
+    Args:
+        values: of the particles, (n, m); chosen: which of them live on, (k,).
+        shrink: share of the distance to the mean that is kept, up to 1; least: standard deviation that is always added.
+        noise: numbers of mean 0 and variance 1/6 (`motion_models.bounded`), (k, m).
+    """
+    count, columns = len(chosen), values.shape[1]
+    copies = np.empty((count, columns))
+    for j in range(columns):
+        total = squares = 0.0
+        for k in range(count):
+            value = values[chosen[k], j]
+            total += value
+            squares += value * value
+        mean = total / count
+        spread = math.sqrt(max(0.0, squares / count - mean * mean) * (1.0 - shrink * shrink)) + least
+        spread *= math.sqrt(6.0)
+        for k in range(count):
+            copies[k, j] = mean + shrink * (values[chosen[k], j] - mean) + spread * noise[k, j]
     return copies
 
 

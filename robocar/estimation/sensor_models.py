@@ -99,46 +99,82 @@ def reweigh(weights: Array, likelihoods: Array) -> float:
     return 0.0
 
 
-@njit(cache=True, error_model="numpy")
-def bearing_range(
-    particles: Array, values: Array, first: NDArray[np.int64], places: Array, outlier: float, likelihoods: Array
-) -> None:
+def bearing_range(particles: Array, seen: Sightings, outlier: float) -> Array:
     """Likelihoods (n,) of sightings by bearing and range: a von Mises and a normal distribution.
 
-    Thrun, Burgard and Fox 2005, Table 6.4; on the circle, the normal distribution's counterpart takes 2 (1 - cos) for the
-    square of the angle, which costs no arcus tangent.
+    Thrun, Burgard and Fox 2005, Table 6.4; on the circle, the normal distribution's counterpart takes 2 (1 - cos) for the square
+    of the angle, which costs no arcus tangent.
     """
-    rays = np.stack((np.cos(values[:, 0]), np.sin(values[:, 0])), axis=1)
-    for i in range(len(particles)):
-        c, s = math.cos(particles[i, 2]), math.sin(particles[i, 2])
-        product = 1.0
-        for k in range(len(values)):
-            ux, uy = c * rays[k, 0] - s * rays[k, 1], s * rays[k, 0] + c * rays[k, 1]
-            match = 0.0
-            for j in range(first[k], first[k + 1]):
-                dx, dy = places[j, 0] - particles[i, 0], places[j, 1] - particles[i, 1]
-                distance = math.sqrt(dx * dx + dy * dy) + 1e-12
-                off = distance - values[k, 1]
-                square = 2.0 * (1.0 - (ux * dx + uy * dy) / distance) * values[k, 2] + off * off * values[k, 3]
-                if square < 80.0:
-                    match += math.exp(-0.5 * square)
-            product *= (1.0 - outlier) * match / (first[k + 1] - first[k]) + outlier
-        likelihoods[i] = product
+    # Columns in a row each: the compiler then takes several particles at once.
+    x, y, headings = np.ascontiguousarray(particles.T)
+    matches = np.empty((len(seen.places), len(particles)))
+    _bearing_range_exponents(x, y, np.cos(headings), np.sin(headings), *seen, matches)
+    np.exp(matches, out=matches)  # numpy's is vectorized and five times as fast as the compiler's
+    return _products(matches, seen.first, outlier)
+
+
+def ranges(particles: Array, seen: Sightings, outlier: float) -> Array:
+    """Likelihoods (n,) of the distances alone: the thesis' model in simulation (section 3.5). Headings follow from the motion."""
+    matches = np.empty((len(seen.places), len(particles)))
+    _range_exponents(particles, seen.values, seen.first, seen.places, matches)
+    np.exp(matches, out=matches)
+    return _products(matches, seen.first, outlier)
 
 
 @njit(cache=True, error_model="numpy")
-def ranges(particles: Array, values: Array, first: NDArray[np.int64], places: Array, outlier: float, likelihoods: Array) -> None:
-    """Likelihoods (n,) of the distances alone: the thesis' model in simulation (section 3.5). Headings follow from the motion."""
-    for i in range(len(particles)):
-        product = 1.0
-        for k in range(len(values)):
-            match = 0.0
-            for j in range(first[k], first[k + 1]):
+def _bearing_range_exponents(
+    xs: Array,
+    ys: Array,
+    cosines: Array,
+    sines: Array,
+    values: Array,
+    first: NDArray[np.int64],
+    places: Array,
+    exponents: Array,
+) -> None:
+    """Logarithms of the matches of the k places that the sightings may be of, (k, n)."""
+    for m in range(len(values)):
+        cb, sb = math.cos(values[m, 0]), math.sin(values[m, 0])
+        reading, bearing_weight, range_weight = values[m, 1], values[m, 2], 0.5 * values[m, 3]
+        for j in range(first[m], first[m + 1]):
+            x, y = places[j, 0], places[j, 1]
+            row = exponents[j]
+            for i in range(len(xs)):
+                ux, uy = cosines[i] * cb - sines[i] * sb, sines[i] * cb + cosines[i] * sb
+                dx, dy = x - xs[i], y - ys[i]
+                square = dx * dx + dy * dy + 1e-18
+                inverse = 1.0 / math.sqrt(square)
+                off = square * inverse - reading
+                row[i] = ((ux * dx + uy * dy) * inverse - 1.0) * bearing_weight - off * off * range_weight
+
+
+@njit(cache=True, error_model="numpy")
+def _range_exponents(particles: Array, values: Array, first: NDArray[np.int64], places: Array, exponents: Array) -> None:
+    for m in range(len(values)):
+        for j in range(first[m], first[m + 1]):
+            for i in range(len(particles)):
                 dx, dy = places[j, 0] - particles[i, 0], places[j, 1] - particles[i, 1]
-                off = math.sqrt(dx * dx + dy * dy) - values[k, 1]
-                match += math.exp(-0.5 * min(80.0, off * off * values[k, 3]))
-            product *= (1.0 - outlier) * match / (first[k + 1] - first[k]) + outlier
-        likelihoods[i] = product
+                off = math.sqrt(dx * dx + dy * dy) - values[m, 1]
+                exponents[j, i] = -0.5 * off * off * values[m, 3]
+
+
+@njit(cache=True, error_model="numpy")
+def _products(matches: Array, first: NDArray[np.int64], outlier: float) -> Array:
+    """Over the sightings, of the mean matches (k, n) over the places of each, with the constant for outliers: (n,)."""
+    likelihoods = np.ones(matches.shape[1])
+    for m in range(len(first) - 1):
+        share = (1.0 - outlier) / (first[m + 1] - first[m])
+        if first[m + 1] - first[m] == 1:
+            row = matches[first[m]]
+            for i in range(len(likelihoods)):
+                likelihoods[i] *= share * row[i] + outlier
+        else:
+            for i in range(len(likelihoods)):
+                total = 0.0
+                for j in range(first[m], first[m + 1]):
+                    total += matches[j, i]
+                likelihoods[i] *= share * total + outlier
+    return likelihoods
 
 
 COLOUR_HEADINGS: dict[frozenset[str], float] = {

@@ -10,6 +10,7 @@ from hypothesis.extra import numpy as hnp
 from scipy.stats import chi2
 
 from robocar.estimation import resampling
+from robocar.estimation.motion_models import bounded
 
 weights = hnp.arrays(float, st.integers(1, 40), elements=st.floats(0.001, 1.0)).map(lambda w: w / w.sum())
 
@@ -73,6 +74,17 @@ def test_occupied_bins_are_counted(n: int, seed: int) -> None:
 
 def test_scatter_is_bounded_and_spares_the_heavy() -> None:
     """Thesis, eq. 2.42: Delta (1 - w) g with g within [-1, 1]; a particle of weight 1 stays where it is."""
-    particles, noise = np.zeros((2, 3)), 5.0 * np.ones((3, 3))
+    particles, noise = np.zeros((2, 3)), np.ones((3, 3))
     moved = resampling.scattered(particles, np.array([1.0, 0.25]), np.array([0, 1, 1]), 0.1, 0.2, noise)
     np.testing.assert_allclose(moved, [[0, 0, 0], [0.075, 0.075, 0.15], [0.075, 0.075, 0.15]])
+
+
+def test_shrunk_parameters_keep_mean_and_spread() -> None:
+    """Liu and West 2001: the new variance is that of the chosen, as a^2 V + (1 - a^2) V = V."""
+    rng = np.random.default_rng(4)
+    values, chosen = rng.normal((1.0, -2.0), (0.5, 2.0), (50_000, 2)), rng.integers(50_000, size=50_000)
+    got = resampling.shrunk(values, chosen, 0.95, 0.0, bounded(rng, (50_000, 2)))
+    np.testing.assert_allclose(got.mean(axis=0), values[chosen].mean(axis=0), atol=0.02)
+    np.testing.assert_allclose(got.std(axis=0), values[chosen].std(axis=0), rtol=0.02)
+    same = resampling.shrunk(np.ones((5, 2)), np.arange(5), 0.9, 0.1, np.full((5, 2), 0.5))
+    np.testing.assert_allclose(same, 1.0 + 0.05 * math.sqrt(6.0))

@@ -44,8 +44,7 @@ def test_likelihoods_are_products_over_sightings_of_means_over_candidates(model:
     detections = [detection(*values) for values in seen]
     particles = np.array([[0.5, 0.4, 0.1], [2.0, -1.0, 2.5], [1.1, 1.9, -3.0]])
     tables = ATLAS.sightings(detections, 0.0, 0.0)
-    likelihoods = np.empty(3)
-    kernel(particles, tables.values, tables.first, tables.places, 0.02, likelihoods)
+    likelihoods = kernel(particles, tables, 0.02)
     expected = [math.prod(by_hand(SE2(*p), d, model, 0.02) for d in detections) for p in particles]
     np.testing.assert_allclose(likelihoods, expected, rtol=1e-6, atol=1e-12)
 
