@@ -229,7 +229,7 @@ def _simulation(scene: Scene, seed: int) -> Simulation:
         sensors=robot.sensors,
         physics=robot.physics,
         clearance=scene.clearance,
-        movers=[MovingObstacle(mover) for mover in scene.movers],
+        movers=[MovingObstacle(mover, stream(seed, f"mover/{mover.name}"), scene.room) for mover in scene.movers],
     )
 
 

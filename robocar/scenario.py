@@ -26,7 +26,7 @@ from robocar.core import SE2, ScenarioError
 from robocar.core.solids import Box, Cylinder, Solid
 from robocar.paths import MODELS
 from robocar.registry import did_you_mean
-from robocar.sim.movers import Mover
+from robocar.sim.movers import Motion, Mover
 from robocar.sim.sensors import SensorParameters
 from robocar.sim.simulation import PhysicsParameters
 
@@ -86,33 +86,58 @@ class LandmarkModel(_Model):
 
 
 class MoverModel(_Model):
-    """A moving obstacle: a box or a cylinder that goes from way point to way point at constant speed, again and again."""
+    """A moving obstacle: a box or a cylinder. It starts at its first way point.
+
+    `motion` says how it goes: at `constant` speed from way point to way point, again and again; `stop-turn-go`: it stands at
+    each for `pause` [s], turns towards the next with `turn_speed` [rad/s] and goes there; `random-walk`: the same to points drawn
+    by the run's seed within `roam` [m] of its only way point.
+    """
 
     name: str
     box: tuple[Positive, Positive, Positive] | None = None
     cylinder: tuple[Positive, Positive] | None = None
-    heading: Finite = 0.0
+    motion: Motion = "constant"
+    heading: Finite | None = None
     waypoints: Annotated[list[Point], Field(min_length=1)]
     speed: NotNegative = 0.2
     mass: Positive = 5.0
+    pause: NotNegative | None = None
+    turn_speed: Positive | None = None
+    roam: Positive | None = None
 
     @model_validator(mode="after")
     def _one_shape(self) -> MoverModel:
         if (self.box is None) == (self.cylinder is None):
             raise ValueError("give either box: [length, width, height] or cylinder: [radius, height]")
+        uses = {"constant": (), "stop-turn-go": ("pause", "turn_speed"), "random-walk": ("pause", "turn_speed", "roam")}
+        for key in ("pause", "turn_speed", "roam"):
+            if getattr(self, key) is not None and key not in uses[self.motion]:
+                fitting = " or ".join(motion for motion, keys in uses.items() if key in keys)
+                raise ValueError(f"{key} is of no use to motion {self.motion}, only to {fitting}")
+        if self.motion == "random-walk" and len(self.waypoints) > 1:
+            raise ValueError(f"a random-walk takes one way point, its start, not {len(self.waypoints)}")
+        if self.motion != "constant" and self.speed == 0:
+            raise ValueError(f"speed 0 leads nowhere; {self.motion} needs a positive one")
         return self
 
     def mover(self) -> Mover:
-        """It starts at its first way point."""
+        """It starts at its first way point; without a heading, one that turns looks towards the second."""
         (x, y), *others = self.waypoints
+        heading = self.heading
+        if heading is None:
+            ahead = next((p for p in others if p != (x, y)), None) if self.motion == "stop-turn-go" else None
+            heading = 0.0 if ahead is None else math.atan2(ahead[1] - y, ahead[0] - x)
+        given = {key: value for key in ("pause", "turn_speed", "roam") if (value := getattr(self, key)) is not None}
         return Mover(
             self.name,
             "box" if self.box is not None else "cylinder",
             self.box or self.cylinder or (),
-            SE2(x, y, self.heading),
+            SE2(x, y, heading),
             np.array([*others, (x, y)]) if others else np.empty((0, 2)),
             self.speed,
             self.mass,
+            motion=self.motion,
+            **given,
         )
 
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from robocar.core import (
     OCCUPIED,
@@ -111,6 +109,11 @@ class Scene:
                 nearest = min(nearest, polygon_distance(polygon, outline))
         return nearest
 
+    def room(self, polygon: Array) -> float:
+        """`clearance`, for polygons larger than the car too."""
+        nearest = float(self._walls.footprint(polygon))
+        return min([nearest, *(polygon_distance(polygon, outline) for outline, *_ in self._outlines)])
+
     @cached_property
     def movers(self) -> tuple[Mover, ...]:
         """The moving obstacles."""
@@ -176,16 +179,13 @@ class Scene:
             self.grid.cell_inside(point, what)
 
     def _check_mover(self, mover: Mover, footprint: Footprint, what: str) -> None:
-        """What its outline sweeps from each way point to the next, and back from the last to the first, must be free."""
+        """What it covers from each way point to the next, and back from the last to the first, must be free."""
         start = mover.start
         self._check_inside(start.position, f"{what} at its start")
         if polygon_distance(mover.outline(start), footprint.at(self.start)) <= mover.radius:
             raise ScenarioError(f"{what} stands at ({start.x:g}, {start.y:g}), where the car starts")
-        stops = [start, *(SE2(x, y, start.theta) for x, y in mover.waypoints)]  # the last way point is the start again
-        for a, b in pairwise(stops) if len(stops) > 1 else [(start, start)]:
-            swept = _swept(mover, a, b)
-            room = min([self._walls.footprint(swept), *(polygon_distance(swept, outline) for outline, *_ in self._outlines)])
-            if room <= mover.radius:
+        for a, b, swept, radius in mover.sweeps():
+            if self.room(swept) <= radius:
                 leg = f"({a.x:g}, {a.y:g}) and ({b.x:g}, {b.y:g})"
                 raise ScenarioError(f"{what} hits a wall or an obstacle between {leg}; lead it through free cells")
 
@@ -219,12 +219,6 @@ class Scene:
         spot = Footprint.circle(footprint.inscribed_radius).at(SE2(float(x), float(y)))
         if self.clearance(spot) == 0.0:
             raise GoalOccupied(f"{what} ({x:g}, {y:g}) is too tight: an unknown obstacle or the border stands there")
-
-
-def _swept(mover: Mover, a: SE2, b: SE2) -> Array:
-    """Corners of what the mover's outline sweeps from one pose to another of the same heading, (n, 2) [m]."""
-    points = np.unique(np.concatenate([mover.outline(a), mover.outline(b)]), axis=0)
-    return points if len(points) < 3 else points[ConvexHull(points).vertices]
 
 
 def _landmarks(scenario: Scenario) -> tuple[Landmark, ...]:

@@ -20,6 +20,7 @@ class GroundTruth:
         twist: of the robot in its own frame.
         clearance: from the footprint to the nearest obstacle, movers too, 0 in contact, inf where there is none [m].
         movers: world_from_mover by name.
+        mover_velocities: of their centres in the world, x and y [m/s], and their turning rates [rad/s], by name.
         voltages: at the motors, left and right [V].
         contact: whether the car touches anything but the floor.
     """
@@ -31,3 +32,4 @@ class GroundTruth:
     movers: Mapping[str, SE2] = field(default_factory=dict)
     voltages: tuple[float, float] = (0.0, 0.0)
     contact: bool = False
+    mover_velocities: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)

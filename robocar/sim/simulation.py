@@ -196,6 +196,7 @@ class Simulation:
             movers={mover.name: mover.pose(self.data) for mover in self._movers},
             voltages=self._voltages,
             contact=self._contact,
+            mover_velocities={mover.name: mover.velocity(self.data) for mover in self._movers},
         )
 
     # -- what experiments and scenarios ask for ----------------------------------------------------------------------

@@ -16,14 +16,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any, Literal
 
 import mujoco
 import numpy as np
-from scipy.spatial import ConvexHull
 
-from robocar.core import SE2, Array, Landmark, OccupancyGrid, ScenarioError, UnknownNameError
+from robocar.core import SE2, Landmark, OccupancyGrid, ScenarioError, UnknownNameError
 from robocar.core.distance import ClearanceField
 from robocar.core.solids import Box, Cylinder, Solid
 from robocar.sim.cover import cover
@@ -288,25 +286,14 @@ def _add_movers(spec: mujoco.MjSpec, movers: Sequence[Mover], grid: OccupancyGri
     spec.add_material(name="mover", rgba=[0.55, 0.50, 0.60, 1.0], specular=0.0)
     clearance = ClearanceField(grid, grid.occupied)
     for mover in movers:
-        stops = [mover.start, *(SE2(x, y, mover.start.theta) for x, y in mover.waypoints)]
-        legs = list(pairwise(stops)) or [(mover.start, mover.start)]
-        if len(stops) > 2:
-            legs.append((stops[-1], stops[1]))  # from the last waypoint back to the first
-        for a, b in legs:
-            swept = _swept(mover, a, b)
+        for a, b, swept, radius in mover.sweeps():
             where = f"mover {mover.name!r} between ({a.x:g}, {a.y:g}) and ({b.x:g}, {b.y:g})"
-            if clearance.footprint(swept) <= mover.radius:
+            if clearance.footprint(swept) <= radius:
                 raise ScenarioError(f"{where} goes through a wall; lead it through free cells")
             inside = grid.origin.inverse().transform(swept)
-            if closed and not np.all((inside >= mover.radius) & (inside <= np.array(grid.size) - mover.radius)):
+            if closed and not np.all((inside >= radius) & (inside <= np.array(grid.size) - radius)):
                 raise ScenarioError(f"{where} leaves the map, which a wall surrounds; keep it inside or open the border")
         add_mover(spec, mover, **(_solid() | {"material": "mover"}))
-
-
-def _swept(mover: Mover, a: SE2, b: SE2) -> Array:
-    """Corners of what the mover's outline sweeps from one pose to another of the same heading, (n, 2) [m]."""
-    points = np.unique(np.concatenate([mover.outline(a), mover.outline(b)]), axis=0)
-    return points if len(points) < 3 else points[ConvexHull(points).vertices]
 
 
 def _add_top_camera(spec: mujoco.MjSpec, grid: OccupancyGrid, wall_height: float) -> None:
