@@ -63,11 +63,17 @@ def poses(rows: Any) -> list[rr.ComponentColumn]:
     ]
 
 
+def ragged(points: Any, lengths: Sequence[int] | NDArray) -> pa.Array:
+    """Lines of `lengths` points each, all points one after the other, (n, 3) [m]."""
+    offsets = np.zeros(len(lengths) + 1, dtype=np.int32)
+    np.cumsum(lengths, out=offsets[1:])
+    return pa.ListArray.from_arrays(pa.array(offsets), vectors(points, 3), type=_STRIP)
+
+
 def strips(points: Any, corners: int) -> list[rr.ComponentColumn]:
     """One line of `corners` points in each row, all points one after the other, (rows * corners, 3) [m]."""
-    ends = vectors(points, 3)
-    offsets = pa.array(np.arange(0, len(ends) + 1, corners, dtype=np.int32))
-    return [cells(rr.LineStrips3D.descriptor_strips(), pa.ListArray.from_arrays(offsets, ends, type=_STRIP))]
+    lines = ragged(points, np.full(np.size(points) // (3 * corners), corners))
+    return [cells(rr.LineStrips3D.descriptor_strips(), lines)]
 
 
 def segments(rows: Any) -> list[rr.ComponentColumn]:

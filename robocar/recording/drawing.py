@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import rerun as rr
 from numpy.typing import NDArray
 
 from robocar.core import SE2, Array, Detection, GridMap, Image, OccupancyGrid, Robot, Scan
 from robocar.core.trace import Arrows, Drawable, Field, Lines, Points, Segments
 from robocar.recording import palette
-from robocar.recording.columns import single
+from robocar.recording.columns import ragged, single, vectors
 from robocar.recording.scenery import Box, Cylinder, Scenery, Solid
 from robocar.recording.streams import Streams
 
@@ -59,28 +62,63 @@ def raised(points: Array, z: float) -> NDArray[np.float32]:
     return np.column_stack([flat, np.full(len(flat), z, dtype=np.float32)])
 
 
-def drawable(item: Drawable, scale: float = 1.0) -> rr.AsComponents:
-    """How a drawable of a trace looks, its radii times `scale`; `Scalar` and `Text` are no pictures."""
+Row = dict[Any, pa.Array]
+"""Values of one entity at one time, by component."""
+
+
+def components(*parts: rr.AsComponents) -> Row:
+    """The values that archetypes give."""
+    batches = (batch for part in parts for batch in part.as_component_batches())
+    return {batch.component_descriptor(): values for batch in batches if (values := batch.as_arrow_array()) is not None}
+
+
+def drawable(item: Drawable, scale: float = 1.0) -> Row:
+    """How a drawable of a trace looks, its radii times `scale`; `Scalar` and `Text` are no pictures.
+
+    What planners draw several times a second is put into Arrow arrays right here: Rerun's archetypes take ten times as long.
+    """
     match item:
         case Points(positions, values, color, radius, labels):
-            colors = [palette.rgba32(color)] if values is None else palette.viridis(values)
-            return rr.Points3D(raised(positions, PLAN_LAYER), colors=colors, radii=radius * scale, labels=list(labels) or None)
+            row = {
+                rr.Points3D.descriptor_positions(): vectors(raised(positions, PLAN_LAYER), 3),
+                rr.Points3D.descriptor_colors(): _colors(values, color),
+                rr.Points3D.descriptor_radii(): pa.array([radius * scale], pa.float32()),
+            }
+            if labels:
+                row[rr.Points3D.descriptor_labels()] = pa.array(labels, pa.string())
+            return row
         case Lines(lines, values, color, radius):
-            colors = [palette.rgba32(color)] if values is None else palette.viridis(values)
-            return rr.LineStrips3D([raised(line, PLAN_LAYER) for line in lines], colors=colors, radii=radius * scale)
+            return _line_strips([raised(line, PLAN_LAYER) for line in lines], _colors(values, color), radius * scale)
         case Segments(ends, color, radius):
             strips = raised(np.asarray(ends).reshape(-1, 2), PLAN_LAYER).reshape(-1, 2, 3)
-            return rr.LineStrips3D(strips, colors=[palette.rgba32(color)], radii=radius * scale)
-        case Arrows(origins, vectors, color, radius):
-            return rr.Arrows3D(
-                origins=raised(origins, PLAN_LAYER),
-                vectors=raised(vectors, 0.0),
-                colors=[palette.rgba32(color)],
-                radii=radius * scale,
-            )
+            return _line_strips(strips, _colors(None, color), radius * scale)
+        case Arrows(origins, directions, color, radius):
+            return {
+                rr.Arrows3D.descriptor_origins(): vectors(raised(origins, PLAN_LAYER), 3),
+                rr.Arrows3D.descriptor_vectors(): vectors(raised(directions, 0.0), 3),
+                rr.Arrows3D.descriptor_colors(): _colors(None, color),
+                rr.Arrows3D.descriptor_radii(): pa.array([radius * scale], pa.float32()),
+            }
         case Field(grid):
-            return grid_image(grid, palette.grid_colors(grid), FIELD_LAYER)
+            return components(grid_image(grid, palette.grid_colors(grid), FIELD_LAYER))
     raise TypeError(f"{type(item).__name__} cannot be drawn")
+
+
+def _colors(values: Array | None, color: palette.Rgb) -> pa.Array:
+    """0xRRGGBBAA of numbers from low to high, or of the one colour."""
+    if values is None:
+        return pa.array([palette.rgba32(color)], pa.uint32())
+    channels = palette.viridis(np.ravel(values)).astype(np.uint32)
+    return pa.array(channels @ np.array([1 << 24, 1 << 16, 1 << 8, 1], dtype=np.uint32))
+
+
+def _line_strips(strips: Sequence[NDArray[np.float32]] | NDArray[np.float32], colors: pa.Array, radius: float) -> Row:
+    corners = np.concatenate(strips) if len(strips) else np.empty((0, 3))
+    return {
+        rr.LineStrips3D.descriptor_strips(): ragged(corners, [len(strip) for strip in strips]),
+        rr.LineStrips3D.descriptor_colors(): colors,
+        rr.LineStrips3D.descriptor_radii(): pa.array([radius], pa.float32()),
+    }
 
 
 def drawable_bytes(item: Drawable) -> int:

@@ -79,6 +79,7 @@ class RerunRecorder:
         self._tick, self._time = -1, 0.0
         self._sheet = Sheet()
         self._buffers: dict[str, Buffer] = {}
+        self._rows: dict[tuple[Any, ...], Buffer] = {}
         self._observed = Buffer("observation", _observation_columns)
         self._commanded = Buffer("command", _command_columns)
         self._mounts: dict[str, Any] = {}
@@ -141,7 +142,7 @@ class RerunRecorder:
         self._trace(belief.trace)
         self._trace(command.trace)
         for name, item in self._traces.due(self._time):
-            self._log(name, drawing.drawable(item, self._scale))
+            self._row(name, drawing.drawable(item, self._scale))
         if (self._tick + 1) % self._flush_ticks == 0:
             self._flush()
 
@@ -150,7 +151,7 @@ class RerunRecorder:
         if self._closed:
             return
         for name, item in self._traces.due(math.inf):
-            self._log(name, drawing.drawable(item, self._scale))
+            self._row(name, drawing.drawable(item, self._scale))
         facts = dict(about.flat(self._properties)) | dict(about.flat(result or {}))
         if facts:
             self._stream.send_property("run", rr.AnyValues(**facts))
@@ -274,16 +275,14 @@ class RerunRecorder:
         return buffer
 
     def _log(self, entity: str, *parts: rr.AsComponents) -> None:
+        self._row(entity, drawing.components(*parts))
+
+    def _row(self, entity: str, row: drawing.Row) -> None:
         """A row of whatever there is; rows with the same components go into the same columns."""
-        row = {}
-        for part in parts:
-            for batch in part.as_component_batches():
-                if (values := batch.as_arrow_array()) is not None:
-                    row[batch.component_descriptor()] = values
-        key = " ".join([entity, *map(str, row)])
-        buffer = self._buffers.get(key)
+        key = (entity, *row)
+        buffer = self._rows.get(key)
         if buffer is None:
-            buffer = self._buffers[key] = Buffer(entity, columns.archetypes)
+            buffer = self._rows[key] = Buffer(entity, columns.archetypes)
         buffer.append(max(self._tick, 0), self._time, row)
 
     def _about(self, result: Mapping[str, Any] | None) -> None:
@@ -292,7 +291,7 @@ class RerunRecorder:
 
     def _flush(self) -> None:
         self._sheet.send(self._stream)
-        for buffer in (self._observed, self._commanded, *self._buffers.values()):
+        for buffer in (self._observed, self._commanded, *self._buffers.values(), *self._rows.values()):
             buffer.send(self._stream)
         try:
             self._stream.flush()

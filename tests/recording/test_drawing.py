@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import rerun as rr
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -93,18 +94,41 @@ def test_overlays_hide_nothing_that_the_robot_does_not_know():
     assert costs[0, 1, 3] < costs[0, 2, 3]
 
 
-def test_every_drawable_has_a_picture_and_a_size():
-    xy = np.array([[0.0, 0.0], [1.0, 1.0]])
-    pictures = {
-        "Points3D": Points(xy, values=np.array([1.0, 2.0]), labels=("a", "b")),
-        "LineStrips3D": Lines((xy, xy), values=np.array([1.0, 2.0])),
-        "Arrows3D": Arrows(xy, xy),
-        "GridMap": Field(GridMap(np.eye(16), 0.1)),
-    }
-    drawn = {name: type(drawing.drawable(item)).__name__ for name, item in pictures.items()}
-    assert drawn == {name: name for name in pictures}
-    assert all(drawing.drawable_bytes(item) > 0 for item in pictures.values())
-    assert type(drawing.drawable(Segments(xy[None]))).__name__ == "LineStrips3D"
+XY = np.array([[0.0, 0.0], [1.0, 1.0]])
+XYZ = np.array([[0.0, 0.0, 0.012], [1.0, 1.0, 0.012]])
+RAMP = np.array([[68, 1, 84, 255], [253, 231, 37, 255]], dtype=np.uint8)  # the ends of viridis
+PICTURES = {
+    "points": (
+        Points(XY, values=np.array([1.0, 2.0]), radius=0.5, labels=("a", "b")),
+        rr.Points3D(XYZ, colors=RAMP, radii=1.0, labels=["a", "b"]),
+    ),
+    "one point": (Points(XY[:1], color=(1, 2, 3)), rr.Points3D(XYZ[:1], colors=[(1, 2, 3)], radii=0.04)),
+    "lines": (
+        Lines((XY, XY[:1]), values=np.array([1.0, 2.0])),
+        rr.LineStrips3D([XYZ, XYZ[:1]], colors=RAMP, radii=0.01),
+    ),
+    "segments": (Segments(XY[None], color=(9, 8, 7)), rr.LineStrips3D([XYZ], colors=[(9, 8, 7)], radii=0.006)),
+    "arrows": (
+        Arrows(XY, XY, radius=0.1),
+        rr.Arrows3D(origins=XYZ, vectors=XYZ * [1, 1, 0], colors=[(255, 60, 60)], radii=0.2),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_a_drawable_becomes_what_its_archetype_gives(name):
+    """Oracle: Rerun's own archetypes, whose Arrow arrays are the format."""
+    item, archetype = PICTURES[name]
+    expected = {b.component_descriptor(): b.as_arrow_array() for b in archetype.as_component_batches()}
+    drawn = drawing.drawable(item, scale=2.0)
+    assert drawn == {descriptor: values for descriptor, values in expected.items() if values is not None}
+    assert drawing.drawable_bytes(item) > 0
+
+
+def test_a_field_becomes_a_grid_and_a_number_nothing():
+    field = Field(GridMap(np.eye(16), 0.1))
+    assert {str(descriptor).partition(":")[0] for descriptor in drawing.drawable(field)} == {"GridMap"}
+    assert drawing.drawable_bytes(field) > 0
     with pytest.raises(TypeError, match="Scalar"):
         drawing.drawable(Scalar(1.0))
 
@@ -113,6 +137,6 @@ def test_every_drawable_has_a_picture_and_a_size():
     "item", [Points(np.empty((0, 2))), Lines(()), Segments(np.empty((0, 2, 2))), Arrows(np.empty((0, 2)), np.empty((0, 2)))]
 )
 def test_empty_drawables_clear_the_picture(item):
-    batches = drawing.drawable(item).as_component_batches()
-    shapes = [b for b in batches if str(b.component_descriptor()).split(":")[1] in ("positions", "strips", "vectors")]
-    assert [len(b.as_arrow_array()) for b in shapes] == [0]
+    drawn = drawing.drawable(item).items()
+    shapes = [values for descriptor, values in drawn if str(descriptor).split(":")[1] in ("positions", "strips", "vectors")]
+    assert [len(values) for values in shapes] == [0]
