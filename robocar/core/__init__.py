@@ -34,7 +34,7 @@ from robocar.core.interfaces import Estimator, GlobalPlanner, LocalPlanner, Mapp
 from robocar.core.observation import Detection, Image, Observation, Reading, Scan, WheelAngles
 from robocar.core.plan import Belief, Goal, Path, Plan
 from robocar.core.robot import Calibration, Context, Landmark, Limits, RangeSensor, Robot
-from robocar.core.trace import Arrows, Field, Lines, Points, Scalar, Segments, Text, Trace
+from robocar.core.trace import Arrows, Circles, Field, Lines, Points, Scalar, Segments, Text, Trace
 
 __all__ = [
     "FREE",
@@ -50,6 +50,7 @@ __all__ = [
     "Belief",
     "BudgetExhausted",
     "Calibration",
+    "Circles",
     "Command",
     "Context",
     "Costmap",

@@ -363,7 +363,8 @@ def footprint_clearance(grid: GridMap, blocked: ArrayLike, vertices: ArrayLike) 
 
 
 @njit(cache=True)
-def _polygons(a: Array, b: Array) -> float:
+def convex_distance(a: Array, b: Array) -> float:
+    """`polygon_distance` for other kernels: contiguous arrays of floats."""
     if _inside(a[0, 0], a[0, 1], b) or _inside(b[0, 0], b[0, 1], a):
         return 0.0
     best = math.inf
@@ -387,7 +388,7 @@ def polygon_distance(a: ArrayLike, b: ArrayLike) -> float:
 
     One corner makes a point, two a segment: a cylinder's clearance is that of its centre less its radius.
     """
-    return float(_polygons(np.array(a, dtype=float, order="C"), np.array(b, dtype=float, order="C")))
+    return float(convex_distance(np.array(a, dtype=float, order="C"), np.array(b, dtype=float, order="C")))
 
 
 def _mask(blocked: ArrayLike) -> Blocked:

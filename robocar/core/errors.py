@@ -4,6 +4,11 @@ The message of each error names what is wrong (file, line or field, value) and w
 line prints it as one line and exits with status 2.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
 
 class RobocarError(Exception):
     """Root of all errors that name a cause outside the code: a file, an argument, a world without a way."""
@@ -38,7 +43,15 @@ class MapTooLarge(RobocarError):
 
 
 class PlanningError(RobocarError):
-    """Root of the reasons for which a planner returns no plan."""
+    """Root of the reasons for which a planner returns no plan.
+
+    Args:
+        trace: what the planner shows of its search all the same, see `robocar.core.trace`.
+    """
+
+    def __init__(self, message: str = "", trace: Mapping[str, Any] | None = None) -> None:
+        super().__init__(message)
+        self.trace: Mapping[str, Any] = trace or {}
 
 
 class StartOccupied(PlanningError):
@@ -57,5 +70,5 @@ class NoPathFound(PlanningError):
     """Start and goal are not connected for this robot."""
 
 
-class BudgetExhausted(PlanningError):
-    """The planner's budget of iterations, samples or expansions ran out before it found a path."""
+class BudgetExhausted(NoPathFound):
+    """The planner's budget of iterations, samples or expansions ran out before it found a path: perhaps there is none."""

@@ -1,8 +1,8 @@
 """What planners and estimators want to be seen: values that the recording knows how to draw.
 
 Algorithms are silent; they return a `Trace`, a mapping from names to the drawables below, and `robocar.recording` shows each
-at `world/plan/<name>` (positions are in the map frame) or in the time series and the log. A new algorithm needs no new
-drawing code.
+at `world/plan/<name>` (positions are in the map frame), on the camera's picture, or in the time series and the log. A new
+algorithm needs no new drawing code.
 """
 
 from __future__ import annotations
@@ -61,6 +61,16 @@ class Arrows:
 
 
 @dataclass(frozen=True, slots=True)
+class Circles:
+    """Circles in the picture of the car's camera: `centers` (n, 2) and `radii` (n,) [px], a colour and a label for each."""
+
+    centers: Array
+    radii: Array
+    colors: tuple[Color, ...]
+    labels: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Field:
     """Numbers on a grid, drawn as a heat map from low to high; NaN and infinite cells stay transparent."""
 
@@ -83,5 +93,5 @@ class Text:
     level: str = "INFO"
 
 
-Drawable: TypeAlias = Points | Lines | Segments | Arrows | Field | Scalar | Text
+Drawable: TypeAlias = Points | Lines | Segments | Arrows | Circles | Field | Scalar | Text
 Trace: TypeAlias = Mapping[str, Drawable]

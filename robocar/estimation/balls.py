@@ -121,13 +121,13 @@ class BallDetector:
 
         The range is that on the floor, from the robot's origin to the point below the ball.
         """
+        return tuple(detection for _, detection in self.identify(image))
+
+    def identify(self, image: Image) -> list[tuple[Ball, Detection]]:
+        """The balls that `detect` finds, each with its detection."""
         robot_from_camera = np.asarray(image.robot_from_camera)
-        found = []
-        for ball in self.find(image):
-            detection = self._locate(ball, robot_from_camera, image.time)
-            if detection is not None:
-                found.append(detection)
-        return tuple(found)
+        located = ((ball, self._locate(ball, robot_from_camera, image.time)) for ball in self.find(image))
+        return [(ball, detection) for ball, detection in located if detection is not None]
 
     def find(self, image: Image) -> list[Ball]:
         """Balls in the camera's own frame, wherever they are; sorted by colour, the largest first."""

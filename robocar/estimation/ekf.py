@@ -77,7 +77,7 @@ class KalmanFilterEstimator:
         sensed = self._senses.update(observation, command)
         if sensed.step != SE2():
             self._move(sensed.step, self._motion.by_velocity(sensed.commanded))
-        trace: dict[str, Drawable] = {}
+        trace: dict[str, Drawable] = {**sensed.trace}
         for detection in sensed.detections:
             if detection.landmark not in self._atlas:
                 continue

@@ -232,7 +232,7 @@ class ParticleFilterEstimator:
     def update(self, observation: Observation, command: Command) -> Belief:
         sensed = self._senses.update(observation, command)
         self.filter.predict(sensed.step, self._motion.by_velocity(sensed.commanded))
-        trace: dict[str, Drawable] = {}
+        trace: dict[str, Drawable] = {**sensed.trace}
         if sensed.detections:
             if not self.filter.weigh(sensed.detections):
                 trace["localization/state"] = Text("no particle explains what is seen; all weights are set equal", "WARN")

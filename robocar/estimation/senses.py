@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import colorsys
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from robocar.core import SE2, Command, Context, Detection, Observation, ScenarioError, Twist
-from robocar.estimation.balls import BallDetector, BallParameters
+import numpy as np
+
+from robocar.core import SE2, Circles, Command, Context, Detection, Observation, ScenarioError, Trace, Twist
+from robocar.estimation.balls import HUES, Ball, BallDetector, BallParameters
 from robocar.estimation.odometry import OdometryEstimator
 
 _MEMORY = 2.0  # [s] older pictures are not used
@@ -21,12 +25,14 @@ class Sensed:
         commanded: whether the step comes from speeds and not from wheels or poses.
         twist: of the robot.
         detections: of landmarks, in the robot's frame of now.
+        trace: the balls found in a new picture.
     """
 
     step: SE2
     commanded: bool
     twist: Twist
     detections: tuple[Detection, ...]
+    trace: Trace
 
 
 class Senses:
@@ -71,11 +77,14 @@ class Senses:
         while self._past[0][0] < observation.time - _MEMORY:
             self._past.popleft()
         seen = observation.landmarks
+        trace: Trace = {}
         if observation.image is not None:
-            seen += self._detector.detect(observation.image)
+            found = self._detector.identify(observation.image)
+            seen += tuple(detection for _, detection in found)
+            trace = {"balls": circles([ball for ball, _ in found])}
         current = (self._now(detection) for detection in seen)
         detections = tuple(d for d in current if d is not None and self._is_new(d))
-        return Sensed(step, self._commanded, belief.twist, detections)
+        return Sensed(step, self._commanded, belief.twist, detections, trace)
 
     def _now(self, detection: Detection) -> Detection | None:
         """The detection as it would be made now; None where it is too old."""
@@ -107,3 +116,19 @@ class Senses:
                 return False
         self._last[detection.landmark] = self._pose, detection
         return True
+
+
+def circles(balls: Sequence[Ball]) -> Circles:
+    """Balls as the recording shows them on the picture that they were found in."""
+    return Circles(
+        np.array([ball.pixel for ball in balls]).reshape(-1, 2),
+        np.array([ball.radius for ball in balls]),
+        tuple(_rgb(*HUES[ball.color]) for ball in balls),
+        tuple(ball.color for ball in balls),
+    )
+
+
+def _rgb(low: float, high: float) -> tuple[int, int, int]:
+    """The pure colour in the middle of two hues [deg]."""
+    red, green, blue = colorsys.hsv_to_rgb((0.5 * (low + high) / 360.0) % 1.0, 1.0, 1.0)
+    return round(255 * red), round(255 * green), round(255 * blue)

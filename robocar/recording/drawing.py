@@ -12,7 +12,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from robocar.core import SE2, Array, Detection, GridMap, Image, OccupancyGrid, Robot, Scan
-from robocar.core.trace import Arrows, Drawable, Field, Lines, Points, Segments
+from robocar.core.trace import Arrows, Circles, Drawable, Field, Lines, Points, Segments
 from robocar.recording import palette
 from robocar.recording.columns import ragged, single, vectors
 from robocar.recording.scenery import Box, Cylinder, Scenery, Solid
@@ -99,6 +99,10 @@ def drawable(item: Drawable, scale: float = 1.0) -> Row:
                 rr.Arrows3D.descriptor_colors(): _colors(None, color),
                 rr.Arrows3D.descriptor_radii(): pa.array([radius * scale], pa.float32()),
             }
+        case Circles(centers, radii, shown, labels):
+            rings = [circle(center, radius, 0.0)[:, :2] for center, radius in zip(centers, radii, strict=True)]
+            colors = [palette.rgba32(color) for color in shown]
+            return components(rr.LineStrips2D(rings, colors=colors, radii=rr.Radius.ui_points(1.5), labels=labels))
         case Field(grid):
             return components(grid_image(grid, palette.grid_colors(grid), FIELD_LAYER))
     raise TypeError(f"{type(item).__name__} cannot be drawn")
@@ -271,13 +275,14 @@ def covariance_ellipses(positions: Array, covariances: Array) -> NDArray[np.floa
 
 
 def particles(weighted: Array, most: int) -> rr.Arrows3D:
-    """At most `most` of the particles (n, 4) as x, y, theta, weight, as short arrows along their headings."""
+    """At most `most` of the particles (n, 4) as x, y, theta, weight, as short arrows along their headings, coloured by weight."""
     some = weighted[:: -(-len(weighted) // most)]
     headings = 0.08 * np.stack([np.cos(some[:, 2]), np.sin(some[:, 2])], axis=1)
+    alike = np.ptp(some[:, 3]) <= 1e-9 * np.max(np.abs(some[:, 3]))
     return rr.Arrows3D(
         origins=raised(some[:, :2], SENSOR_LAYER),
         vectors=raised(headings, 0.0),
-        colors=[palette.rgba32(palette.PARTICLES)],
+        colors=[palette.rgba32(palette.PARTICLES)] if alike else palette.viridis(some[:, 3]),
         radii=0.006,
     )
 

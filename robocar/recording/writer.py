@@ -28,7 +28,7 @@ from robocar.core import (
     Scan,
     Serial,
 )
-from robocar.core.trace import Scalar, Text, Trace
+from robocar.core.trace import Circles, Scalar, Text, Trace
 from robocar.core.truth import GroundTruth
 from robocar.recording import about, codec, columns, drawing, palette
 from robocar.recording.blueprint import blueprint, extent
@@ -256,6 +256,8 @@ class RerunRecorder:
                 if last is not item and last != item:
                     self._texts[name] = item
                     self._status(item.message, item.level)
+            elif isinstance(item, Circles):  # at once: they belong to the picture of this tick
+                self._row(f"world/robot/camera/{_entity(name)}", drawing.drawable(item))
             else:
                 folder = "world" if name.startswith("costmap/") else "world/plan"
                 self._traces.offer(f"{folder}/{_entity(name)}", item)

@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.stats import chi2
 
 from robocar.core import SE2, Costmap, GridMap, OccupancyGrid, Scan
-from robocar.core.trace import Arrows, Field, Lines, Points, Scalar, Segments
+from robocar.core.trace import Arrows, Circles, Field, Lines, Points, Scalar, Segments
 from robocar.recording import drawing, palette
 
 GRIDS = arrays(np.int8, st.tuples(st.integers(1, 12), st.integers(1, 12)), elements=st.sampled_from([-1, 0, 50, 100]))
@@ -123,6 +123,28 @@ def test_a_drawable_becomes_what_its_archetype_gives(name):
     drawn = drawing.drawable(item, scale=2.0)
     assert drawn == {descriptor: values for descriptor, values in expected.items() if values is not None}
     assert drawing.drawable_bytes(item) > 0
+
+
+def test_circles_lie_around_their_centres_in_the_picture():
+    """Oracle: every corner is one radius from its centre, and the ring is closed."""
+    seen = Circles(np.array([[80.0, 60.0], [3.0, 4.0]]), np.array([10.0, 2.5]), ((255, 0, 0), (0, 0, 255)), ("red", "blue"))
+    drawn = {str(descriptor).split(":")[1]: values.to_pylist() for descriptor, values in drawing.drawable(seen).items()}
+    for ring, center, radius in zip(drawn["strips"], seen.centers, seen.radii, strict=True):
+        np.testing.assert_allclose(np.linalg.norm(np.array(ring) - center, axis=1), radius, rtol=1e-5)
+        np.testing.assert_allclose(ring[0], ring[-1], atol=1e-4)
+    assert drawn["labels"] == ["red", "blue"]
+    assert drawn["colors"] == [0xFF0000FF, 0x0000FFFF]
+
+
+def test_particles_are_coloured_by_weight_where_weights_differ():
+    """Oracle: viridis from the lightest (dark violet) to the heaviest (yellow)."""
+
+    def colors(weights: list[float]) -> list[int]:
+        cloud = np.column_stack([np.zeros((3, 3)), weights])
+        return drawing.components(drawing.particles(cloud, 200))[rr.Arrows3D.descriptor_colors()].to_pylist()
+
+    assert colors([0.1, 0.3, 0.6])[::2] == [0x440154FF, 0xFDE725FF]
+    assert colors([1 / 3, 1 / 3, 1 / 3]) == [palette.rgba32(palette.PARTICLES)]
 
 
 def test_a_field_becomes_a_grid_and_a_number_nothing():
