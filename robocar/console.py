@@ -5,16 +5,20 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from robocar.core import OutputError, RobocarError
-from robocar.run import RunResult
+
+if TYPE_CHECKING:
+    from robocar.run import RunResult
 
 _CONSOLE = Console(stderr=True, highlight=False, soft_wrap=True)
 
@@ -22,6 +26,12 @@ _CONSOLE = Console(stderr=True, highlight=False, soft_wrap=True)
 def say(what: str | Table) -> None:
     """To the person at the terminal: stderr, so that stdout stays free for data."""
     _CONSOLE.print(what, markup=False) if isinstance(what, str) else _CONSOLE.print(what)
+
+
+def show(table: Table, data_follows: bool) -> None:
+    """A wide table: on stdout, unless that is kept for data. In a pipe it is as wide as it needs to be."""
+    console = Console(stderr=data_follows, highlight=False)
+    console.print(table, width=console.width if console.is_terminal else 240, crop=False, markup=False)
 
 
 @contextmanager
@@ -40,6 +50,31 @@ def progress_bar() -> Iterator:
             if time - shown >= 0.5:
                 shown = time
                 bar.update(task, completed=time, total=time_limit, info=f"{time:.0f} s of at most {time_limit:g} s")
+
+        yield update
+
+
+@contextmanager
+def sweep_bar() -> Iterator:
+    """A bar of finished runs on a terminal, with their rate and what is left; nothing in a pipe."""
+    if not _CONSOLE.is_terminal:
+        yield None
+        return
+    columns = (
+        TextColumn("{task.completed:.0f}/{task.total:.0f} runs"),
+        BarColumn(),
+        TextColumn("{task.fields[info]}"),
+        TimeRemainingColumn(),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=_CONSOLE, transient=True) as bar:
+        task, started, first = bar.add_task("runs", total=1, info=""), time.monotonic(), None
+
+        def update(done: int, total: int, failed: int) -> None:
+            nonlocal first
+            first = done if first is None else first
+            rate = 60.0 * (done - first) / max(time.monotonic() - started, 1e-3)
+            bar.update(task, completed=done, total=total, info=f"{rate:.0f} a minute" + (f", {failed} lost" if failed else ""))
 
         yield update
 
@@ -68,6 +103,10 @@ def listing(what: str) -> dict[str, str]:
         return {name: load_scenario(find_scenario(name)).description for name in scenario_names()}
     if what == "experiments":
         return {name: first_line(path) for name, path in experiment_names().items()}
+    if what == "suites":
+        from robocar.regression.suite import find_suite, load_suite, suite_names
+
+        return {name: load_suite(find_suite(name)).description for name in suite_names()}
     entries = registry.names(what[:-1])  # type: ignore[arg-type]
     return {name: entry.summary + (f" ({entry.paper})" if entry.paper else "") for name, entry in sorted(entries.items())}
 

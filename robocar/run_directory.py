@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import json
 import os
@@ -15,6 +16,15 @@ import yaml
 from robocar.core import OutputError
 from robocar.fingerprint import fingerprint, versions
 from robocar.scenario import Scenario
+
+
+def run_name(scenario: str, chosen: Mapping[str, str], seed: int, settings: Mapping[str, Any]) -> str:
+    """`<scenario>--<navigator>--<estimator>--<mapper>--s<seed>[--<8 hex of the overrides>]`: the name of a run's directory."""
+    parts = [scenario, chosen["navigator"], chosen["estimator"], chosen["mapper"], f"s{seed}"]
+    if settings:
+        text = json.dumps(dict(sorted(settings.items())), sort_keys=True, default=str)
+        parts.append(hashlib.sha256(text.encode()).hexdigest()[:8])
+    return "--".join(part.replace("/", "_").replace(":", "_") for part in parts)
 
 
 class RunDirectory:
@@ -33,11 +43,7 @@ class RunDirectory:
         settings: Mapping[str, Any],
         force: bool,
     ) -> None:
-        parts = [scenario.name, chosen["navigator"], chosen["estimator"], chosen["mapper"], f"s{seed}"]
-        if settings:
-            text = json.dumps(dict(sorted(settings.items())), sort_keys=True, default=str)
-            parts.append(hashlib.sha256(text.encode()).hexdigest()[:8])
-        self.name = "--".join(part.replace("/", "_").replace(":", "_") for part in parts)
+        self.name = run_name(scenario.name, chosen, seed, settings)
         self.final = Path(out) / self.name
         self.path = Path(out) / f".{self.name}.{os.getpid()}.partial"
         self._force = force
@@ -68,6 +74,13 @@ class RunDirectory:
             shutil.rmtree(self.path, ignore_errors=True)  # it had not begun: nothing to look into
         if isinstance(error, OSError):
             raise OutputError(f"{self.path}: cannot write: {error.strerror or error}") from error
+
+    @staticmethod
+    def clear(out: Path, name: str) -> None:
+        """Removes half-written directories of this run, of processes that were killed; none may be at work on it."""
+        for pattern in ("partial", "replaced"):
+            for left in out.glob(f".{glob.escape(name)}.*.{pattern}"):
+                shutil.rmtree(left, ignore_errors=True)
 
     def complete(self) -> Path:
         """Everything is written: give the directory its name.
