@@ -30,8 +30,12 @@ def _is_scenario(path: Path) -> bool:
     return isinstance(content, dict) and "image" not in content and bool(_SCENARIO_KEYS & set(content))
 
 
-def map_scenario(name: str, resolution: float | None, start: str | None, goal: str | None) -> dict[str, Any]:
+def map_scenario(
+    name: str, resolution: float | None, start: str | None, goal: str | None, goal_needed: bool = True
+) -> dict[str, Any]:
     """The scenario of driving on a map file from `start` to `goal` ("x,y[,theta]"); a text grid may hold both.
+
+    Without `goal_needed` the goal may be missing: an exploration has none.
 
     Raises:
         ScenarioError: start or goal is missing or malformed.
@@ -44,17 +48,20 @@ def map_scenario(name: str, resolution: float | None, start: str | None, goal: s
         points["goal"] = points["goal"] or drawn.goal
     numbers: dict[str, list[float]] = {}
     for what, value in points.items():
+        if value is None and what == "goal" and not goal_needed:
+            continue
         if value is None:
             raise ScenarioError(f"{name}: a map needs --{what} X,Y")
         numbers[what] = _numbers(value, what) if isinstance(value, str) else [float(v) for v in value]
     start_pose = [*numbers["start"], 0.0][:3]
-    distance = math.dist(start_pose[:2], numbers["goal"][:2])
+    goal_pose = numbers.get("goal")
+    distance = 10.0 if goal_pose is None else math.dist(start_pose[:2], goal_pose[:2])
     return {
         "name": path.name.partition(".")[0],
         "map": str(path.resolve()),
         "resolution": resolution,
         "start": start_pose,
-        "goal": numbers["goal"],
+        "goal": goal_pose,
         # Far longer than a straight drive takes: ways through mazes are long.
         "time_limit": round(120.0 + 30.0 * distance),
     }

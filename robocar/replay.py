@@ -38,8 +38,8 @@ from robocar.core.randomness import stream
 from robocar.core.truth import GroundTruth
 from robocar.estimation.odometry import OdometryEstimator
 from robocar.formats import Trajectory, save_ros_map, write_tum
+from robocar.formats.load_log import is_log, load_log
 from robocar.formats.log import Log
-from robocar.formats.mrclam import is_mrclam, load_mrclam
 from robocar.localization_metrics import summarize_localization
 from robocar.map_watch import decided, map_metrics
 from robocar.metrics import RunLog, summarize
@@ -291,26 +291,13 @@ def _open(source: Path) -> _Tape:
     Raises:
         LogFormatError: nothing is there, or nothing that is known.
     """
-    if not source.exists():
-        raise LogFormatError(f"{source}: no such file or folder")
-    if source.is_dir():
-        if (source / "run.rrd").is_file():
-            return _run_tape(source)
-        if is_mrclam(source):
-            return _log_tape(load_mrclam(source))
+    if source.is_dir() and (source / "run.rrd").is_file():
+        return _run_tape(source)
+    if source.is_dir() and not is_log(source):
         raise LogFormatError(f"{source}: neither a run directory (run.rrd) nor an MRCLAM data set (Barcodes.dat)")
-    if source.name == "run.rrd":
+    if source.is_file() and source.name == "run.rrd":
         return _run_tape(source.parent)
-    if source.suffix == ".csv":
-        from robocar.formats.lidar_csv import load_lidar_csv
-
-        return _log_tape(load_lidar_csv(source))
-    if source.name.endswith((".log", ".log.gz", ".clf", ".gfs")):
-        from robocar.formats.carmen import load_carmen
-
-        return _log_tape(load_carmen(source))
-    kinds = "a run directory, an MRCLAM folder, a CARMEN .log or .log.gz, or a .csv of laser scans"
-    raise LogFormatError(f"{source}: not a log that is known; a log is {kinds}")
+    return _log_tape(load_log(source))
 
 
 def _log_tape(log: Log) -> _Tape:

@@ -274,6 +274,29 @@ class TestOthers:
         assert (status, err) == (0, "")
         assert out.count("scenario, ") == len(scenario_names())
 
+    def test_check_reads_logs_and_names_the_lines_that_it_cannot_use(self, call: Call, tmp_path: Path) -> None:
+        """Oracle: a log written here, one of whose lines is cut short."""
+        scan = "FLASER 3 1.0 2.0 3.0 0 0 0 0 0 0 {time} host {time}"
+        log = tmp_path / "two.log"
+        log.write_text("\n".join([scan.format(time=1.0), "FLASER 3 1.0", scan.format(time=3.5)]) + "\n")
+        status, out, _ = call("check", log)
+        first, second = out.splitlines()
+        assert (status, first) == (0, f"{log}: carmen log, 2 observations in 2.5 s, 2 scans, 0 landmarks seen")
+        assert second.startswith("  warning: skipped line 2: ")
+        status, _, err = call("check", tmp_path / "none.log")
+        assert (status, err) == (2, f"error: {tmp_path / 'none.log'}: no such file or folder\n")
+
+    def test_a_map_is_explored_without_a_goal(self, call: Call, tmp_path: Path) -> None:
+        """Oracle: the room drawn here is known when it is over; other navigators ask for the goal."""
+        room = tmp_path / "room.txt"
+        room.write_text("\n".join(["#" * 12, *["#..........#"] * 8, "#" * 12]) + "\n")
+        words = ("run", room, "--resolution", 0.25, "--start", "0.8,0.8", "--no-recording", "--out", tmp_path / "runs", "--json")
+        status, out, _ = call(*words, "--navigator", "explore", "--mapper", "laser", "--set", "robot.lidar=scan360")
+        metrics = json.loads(out)["metrics"]
+        assert (status, metrics["map/explored"]["value"]) == (0, pytest.approx(1.0, abs=0.01))
+        status, _, err = call(*words)
+        assert (status, err) == (2, f"error: {room}: a map needs --goal X,Y\n")
+
     def test_version(self, call: Call) -> None:
         assert call("--version") == (0, f"robocar {__version__}\n", "")
 

@@ -12,6 +12,7 @@ from robocar.core import MapFormatError, OccupancyGrid
 from robocar.formats.barn import load_barn_cylinders, load_barn_grids, load_barn_paths
 from robocar.formats.files import PathLike
 from robocar.formats.load import MAP_KINDS, file_kind, load_map
+from robocar.formats.load_log import LOG_KINDS, is_log, load_log
 from robocar.formats.movingai import ScenarioLine, load_movingai_map, load_scenarios
 from robocar.formats.ros_map import read_ros_yaml
 from robocar.formats.text_grid import load_text_grid
@@ -59,14 +60,16 @@ def check_file(path: PathLike, resolution: float | None = None) -> FileReport:
     """Read a file from outside as a whole and say what it holds.
 
     Args:
-        path: a map of any kind that `load_map` reads, MovingAI `.scen`, BARN `.npz`, or TUM trajectory. A `.scen` file is also
-            checked against its map where that lies in the same folder.
+        path: a map of any kind that `load_map` reads, MovingAI `.scen`, BARN `.npz`, TUM trajectory, or a log that `load_log`
+            reads. A `.scen` file is also checked against its map where that lies in the same folder.
         resolution: see `load_map`; an image alone is checked with 1 m if none is given, and the report says so.
 
     Raises:
         MapFormatError, LogFormatError: the file cannot be used; the message names the file and what is wrong.
     """
     path = Path(path)
+    if is_log(path):
+        return _check_log(path)
     kind = file_kind(path)
     if kind == "movingai_scenarios":
         return _check_scenarios(path)
@@ -77,7 +80,9 @@ def check_file(path: PathLike, resolution: float | None = None) -> FileReport:
     details: list[str] = []
     remarks: list[str] = []
     if kind == "unknown":
-        raise MapFormatError(f"{path}: unknown kind of file; known are {MAP_KINDS}, MovingAI .scen, BARN .npz, trajectory .tum")
+        raise MapFormatError(
+            f"{path}: unknown kind of file; known are {MAP_KINDS}, MovingAI .scen, BARN .npz, trajectory .tum, {LOG_KINDS}"
+        )
     if kind == "image" and resolution is None:
         resolution = 1.0
         remarks.append("an image alone has no resolution, 1 m is assumed")
@@ -154,3 +159,24 @@ def _check_trajectory(path: Path) -> FileReport:
     duration = trajectory.times[-1] - trajectory.times[0]
     length = np.hypot(*np.diff(trajectory.poses[:, :2], axis=0).T).sum()
     return FileReport(path, "tum", details=(f"{trajectory.times.size} poses", f"{duration:.3f} s", f"{length:.3f} m"))
+
+
+def _check_log(path: Path) -> FileReport:
+    log = load_log(path)
+    first, last = log.observations[0].time, log.observations[-1].time
+    scans = sum(len(observation.scans) for observation in log.observations)
+    sightings = sum(len(observation.landmarks) for observation in log.observations)
+    details = [
+        f"{len(log.observations)} observations in {last - first:.1f} s",
+        f"{scans} scans",
+        f"{sightings} landmarks seen",
+    ]
+    if log.truth is not None:
+        details.append("with ground truth")
+    remarks = [f"skipped {problem}" for problem in log.skipped[:_MOST_SKIPPED]]
+    if len(log.skipped) > _MOST_SKIPPED:
+        remarks.append(f"... and {len(log.skipped) - _MOST_SKIPPED} more")
+    return FileReport(path, f"{log.kind} log", details=tuple(details), warnings=tuple(remarks))
+
+
+_MOST_SKIPPED = 5  # problems of a log that are shown

@@ -1,0 +1,39 @@
+"""Any log from outside by one call."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from robocar.core import LogFormatError
+from robocar.formats.carmen import load_carmen
+from robocar.formats.files import PathLike
+from robocar.formats.lidar_csv import load_lidar_csv
+from robocar.formats.log import Log
+from robocar.formats.mrclam import is_mrclam, load_mrclam
+
+LOG_KINDS = "an MRCLAM folder, a CARMEN .log or .log.gz, or a .csv of laser scans"
+_CARMEN_ENDINGS = (".log", ".log.gz", ".clf", ".gfs")
+
+
+def is_log(path: PathLike) -> bool:
+    """Whether this is named as a log is, or is an MRCLAM folder."""
+    path = Path(path)
+    return is_mrclam(path) if path.is_dir() else path.name.lower().endswith((".csv", *_CARMEN_ENDINGS))
+
+
+def load_log(path: PathLike) -> Log:
+    """The log at a path, whatever its format.
+
+    Raises:
+        LogFormatError: nothing is there, or nothing that is known.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise LogFormatError(f"{path}: no such file or folder")
+    if path.is_dir() and is_mrclam(path):
+        return load_mrclam(path)
+    if path.is_file() and path.name.lower().endswith(".csv"):
+        return load_lidar_csv(path)
+    if path.is_file() and path.name.lower().endswith(_CARMEN_ENDINGS):
+        return load_carmen(path)
+    raise LogFormatError(f"{path}: not a log that is known; a log is a run directory, {LOG_KINDS}")
