@@ -240,6 +240,7 @@ class DynamicAStar:
                 self._planned_to = goal.position
                 self._turning = not goes_on
                 drawn = np.array([pose.position, *self._way])
+                trace |= plan.trace  # the heat map of the search
                 trace["global"] = Lines((drawn,), color=PLAN_COLOR, radius=0.012)
                 trace["blocked_cells"] = self._draw_blocked(costmap)
                 trace["echoes"] = Points(memory.echoes(), color=(255, 80, 40), radius=0.012)

@@ -266,6 +266,14 @@ class TestDrives:
         scalars = [trace["replans"] for trace in result.traces if "replans" in trace]
         assert all(isinstance(scalar, Scalar) for scalar in scalars)
         assert scalars[-1].value >= 1
+        # Each plan shows its search: as many closed cells as it says, numbered from 0.
+        searches = [trace["search"].grid.data for trace in result.traces if "search" in trace]
+        expanded = [trace["expanded"].value for trace in result.traces if "expanded" in trace]
+        assert len(searches) == len(expanded) >= 2
+        for heat, count in zip(searches, expanded, strict=True):
+            closed = np.unique(heat[np.isfinite(heat) & (heat < np.nanmax(heat))])
+            np.testing.assert_array_equal(closed, np.arange(len(closed)))
+            assert count - 2 <= len(closed) <= count
 
     def test_without_any_map(self) -> None:
         world = field(3.0, 2.0, (1.0, 0.0, 1.2, 1.2))
