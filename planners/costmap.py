@@ -7,19 +7,11 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from planners.grid_search import doubled
 from planners.inflation import inflate_window, inflation_kernel
-from robocar.core import LETHAL, NO_INFORMATION, SE2, Costmap, GridMap, Observation, OccupancyGrid, Robot, Scan
-
-_HIT, _MOST = (
-    2,
-    4,
-)  # evidence that one hit adds, which makes an obstacle, and its cap: it takes three looks through to be forgotten
-_CLEAR_DEPTH = 0.7  # of a sonar's range, what its echo clears
-_CORE = 0.6  # of a sonar's opening angle, what its echo clears and marks: the rim sees walls beside the way
+from planners.obstacle_layer import HIT, commit, forget_disc, mark_laser, mark_sonar
+from robocar.core import LETHAL, NO_INFORMATION, SE2, Costmap, Footprint, GridMap, Observation, OccupancyGrid, Robot, Scan
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,8 +82,27 @@ def _solid(occupancy: OccupancyGrid, parameters: Parameters) -> NDArray[np.uint8
     return solid
 
 
+def split_prior(prior: OccupancyGrid, p: Parameters) -> tuple[NDArray[np.uint8], float]:
+    """Obstacles of a prior map (254, unknown ones 255) on cells of at most `Parameters.resolution`, and their side [m]."""
+    split = math.ceil(prior.resolution / p.resolution - 1e-9)
+    split = max(1, min(split | 1 if split > 1 else 1, math.isqrt(p.max_cells // prior.data.size)))
+    return _solid(prior, p).repeat(split, axis=0).repeat(split, axis=1), prior.resolution / split
+
+
 def _kernel(resolution: float, inscribed_radius: float, p: Parameters) -> NDArray[np.uint8]:
     return inflation_kernel(resolution, inscribed_radius, p.margin, p.inflation_radius, p.cost_scaling_factor)
+
+
+def safe_cost(p: Parameters, footprint: Footprint, resolution: float) -> float:
+    """A robot in a cell that costs less touches nothing, wherever in the cell it is and however it is turned.
+
+    0 where the inflation does not reach that far: then no cost says so.
+    """
+    distance = footprint.circumscribed_radius + math.sqrt(0.5) * resolution
+    if distance > p.inflation_radius:
+        return 0.0
+    decay = math.exp(-p.cost_scaling_factor * max(distance - footprint.inscribed_radius - p.margin, 0.0))
+    return float(math.floor(252.0 * decay))
 
 
 class LayeredCostmap:
@@ -123,7 +134,7 @@ class LayeredCostmap:
     def clear(self) -> None:
         """Forgets everything that was seen."""
         if self._prior is not None:
-            self._set_prior(self._prior)
+            self._set_ground(*split_prior(self._prior, self.parameters), self._prior.origin)
         elif self._place is not None:
             self._set_ground(np.zeros_like(self._solid), self._place.resolution, self._place.origin)
 
@@ -149,10 +160,7 @@ class LayeredCostmap:
         if left or bottom or right or top:
             evidence = np.pad(self._evidence, ((bottom, top), (left, right)))
             origin = self._place.origin @ SE2(-left * resolution, -bottom * resolution)
-            self._set_ground(np.zeros(evidence.shape, dtype=np.uint8), resolution, origin)
-            self._evidence = evidence
-            self._solid[evidence >= _HIT] = LETHAL
-            self._inflate(0, evidence.shape[0], 0, evidence.shape[1])
+            self._set_ground(np.zeros(evidence.shape, dtype=np.uint8), resolution, origin, evidence)
 
     def update(self, pose: SE2, observation: Observation) -> bool:
         """Takes in what is seen from `pose`, the robot's in the map frame; returns whether costs have changed."""
@@ -178,20 +186,16 @@ class LayeredCostmap:
             self._costmap = Costmap(costs, self._place.resolution, self._place.origin)
         return self._costmap
 
-    def _set_prior(self, prior: OccupancyGrid) -> None:
-        p = self.parameters
-        split = math.ceil(prior.resolution / p.resolution - 1e-9)
-        split = max(1, min(split | 1 if split > 1 else 1, math.isqrt(p.max_cells // prior.data.size)))
-        solid = _solid(prior, p).repeat(split, axis=0).repeat(split, axis=1)
-        self._set_ground(solid, prior.resolution / split, prior.origin)
-
-    def _set_ground(self, ground: NDArray[np.uint8], resolution: float, origin: SE2) -> None:
-        """Starts on the prior's obstacles alone: `ground` is 0, 254 or 255, (rows, cols)."""
+    def _set_ground(
+        self, ground: NDArray[np.uint8], resolution: float, origin: SE2, evidence: NDArray[np.int8] | None = None
+    ) -> None:
+        """Starts on the prior's obstacles, `ground` is 0, 254 or 255, (rows, cols), and on what has been seen there."""
         rows, cols = ground.shape
         self._place = GridMap(np.broadcast_to(np.uint8(0), (rows, cols)), resolution, origin)
         self._grid_from_world = origin.inverse()
         self._ground, self._solid = ground, ground.copy()
-        self._evidence = np.zeros((rows, cols), dtype=np.int8)
+        self._evidence = np.zeros((rows, cols), dtype=np.int8) if evidence is None else evidence
+        np.maximum(self._solid, LETHAL, out=self._solid, where=self._evidence >= HIT)
         self._near_hit = np.zeros((rows, cols), dtype=np.bool_)
         self._costs = np.empty((rows, cols), dtype=np.uint8)
         self._kernel = _kernel(resolution, self._inscribed_radius, self.parameters)
@@ -222,175 +226,22 @@ class LayeredCostmap:
         ranges, bearings = np.array(scan.ranges), np.array(scan.bearings)  # contiguous and writable: one compiled version for all
         evidence, reach = self._evidence, p.raytrace_max_range / resolution
         if scan.beam_width > 0.0:
-            n, self._touched = _sonar(
+            n, self._touched = mark_sonar(
                 evidence, self._explained, self._touched, x, y, theta, ranges, bearings, scan.beam_width / 2,
                 p.sonar_obstacle_max_range / resolution, reach, resolution,
             )  # fmt: skip
         else:
-            n, self._touched = _laser(
+            n, self._touched = mark_laser(
                 evidence, self._explained, self._near_hit, self._touched, x, y, theta, ranges, bearings,
                 p.obstacle_max_range / resolution, min(reach, scan.max_range / resolution), resolution,
             )  # fmt: skip
-        n, self._touched = _forget_disc(
+        n, self._touched = forget_disc(
             evidence, self._touched, n, grid_from_robot.x / resolution, grid_from_robot.y / resolution,
             self._inscribed_radius / resolution,
         )  # fmt: skip
-        r0, r1, c0, c1 = _commit(evidence, self._ground, self._solid, self._touched, n)
+        r0, r1, c0, c1 = commit(evidence, self._ground, self._solid, self._touched, n)
         if r1 > r0:
             self._inflate(r0, r1, c0, c1)
-
-
-@njit(cache=True)
-def _note(touched: NDArray, n: int, cell: int) -> tuple[int, NDArray]:
-    if n == len(touched):
-        touched = doubled(touched)
-    touched[n] = cell
-    return n + 1, touched
-
-
-@njit(cache=True)
-def _set_around_hits(
-    mask: NDArray, value: bool, x: float, y: float, theta: float, ranges: NDArray, bearings: NDArray, resolution: float
-) -> None:
-    """Sets the mask in the cells that a scan hit and in their neighbours; lengths in cells but `ranges` [m]."""
-    rows, cols = mask.shape
-    for i in range(len(ranges)):
-        if 0.0 <= ranges[i] < math.inf:
-            reading, angle = ranges[i] / resolution, theta + bearings[i]
-            row, col = math.floor(y + reading * math.sin(angle)), math.floor(x + reading * math.cos(angle))
-            mask[max(0, row - 1) : max(0, min(rows, row + 2)), max(0, col - 1) : max(0, min(cols, col + 2))] = value
-
-
-@njit(cache=True)
-def _laser(
-    evidence: NDArray, explained: NDArray, near_hit: NDArray, touched: NDArray, x: float, y: float, theta: float, ranges: NDArray,
-    bearings: NDArray, mark_reach: float, clear_reach: float, resolution: float,
-) -> tuple[int, NDArray]:  # fmt: skip
-    """Clears along the beams, then marks their ends; lengths in cells but `ranges` [m]. Returns cells that may have changed.
-
-    A beam along a wall runs through cells of the wall beside the one that it hits, since ranges are noisy and cells are coarse.
-    So cells beside any hit of this scan are not cleared: else the walls of corridors would crumble, thin ones to holes.
-    """
-    rows, cols = evidence.shape
-    n = 0
-    _set_around_hits(near_hit, True, x, y, theta, ranges, bearings, resolution)
-    for i in range(len(ranges)):
-        if not ranges[i] >= 0.0:  # dropped, or below zero by its noise
-            continue
-        angle = theta + bearings[i]
-        dx, dy = math.cos(angle), math.sin(angle)
-        # Without a return everything up to the sensor's reach is free.
-        end = min(ranges[i] / resolution, clear_reach)
-        col, row = math.floor(x), math.floor(y)
-        last_col, last_row = math.floor(x + end * dx), math.floor(y + end * dy)
-        step_col, step_row = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
-        delta_x = abs(1.0 / dx) if dx != 0.0 else math.inf
-        delta_y = abs(1.0 / dy) if dy != 0.0 else math.inf
-        next_x = abs(col + (step_col > 0) - x) * delta_x if dx != 0.0 else math.inf
-        next_y = abs(row + (step_row > 0) - y) * delta_y if dy != 0.0 else math.inf
-        for _ in range(abs(last_col - col) + abs(last_row - row)):  # all but the last cell
-            if 0 <= row < rows and 0 <= col < cols and evidence[row, col] > 0 and not near_hit[row, col]:
-                evidence[row, col] -= 1
-                if evidence[row, col] == _HIT - 1:
-                    n, touched = _note(touched, n, row * cols + col)
-            if (next_x < next_y and col != last_col) or row == last_row:
-                col += step_col
-                next_x += delta_x
-            else:
-                row += step_row
-                next_y += delta_y
-    for i in range(len(ranges)):
-        reading = ranges[i] / resolution
-        if not 0.0 <= reading <= mark_reach:  # not a number, infinite, below zero or too far
-            continue
-        angle = theta + bearings[i]
-        row, col = math.floor(y + reading * math.sin(angle)), math.floor(x + reading * math.cos(angle))
-        if 0 <= row < rows and 0 <= col < cols and explained[row, col] == 0:
-            evidence[row, col] = min(evidence[row, col] + _HIT, _MOST)
-            n, touched = _note(touched, n, row * cols + col)
-    _set_around_hits(near_hit, False, x, y, theta, ranges, bearings, resolution)
-    return n, touched
-
-
-@njit(cache=True)
-def _sonar(
-    evidence: NDArray, explained: NDArray, touched: NDArray, x: float, y: float, theta: float, ranges: NDArray, bearings: NDArray,
-    half_width: float, mark_reach: float, clear_reach: float, resolution: float,
-) -> tuple[int, NDArray]:  # fmt: skip
-    """Clears the inner part of the cones, then marks their arcs; lengths in cells but `ranges` [m]."""
-    rows, cols = evidence.shape
-    n = 0
-    for i in range(len(ranges)):
-        if not 0.0 <= ranges[i] < math.inf:
-            continue
-        reading = ranges[i] / resolution
-        axis = theta + bearings[i]
-        depth = min(_CLEAR_DEPTH * reading, clear_reach)
-        cos_axis, sin_axis, cos_width = math.cos(axis), math.sin(axis), math.cos(_CORE * half_width)
-        reach_x, reach_y = depth * cos_axis, depth * sin_axis
-        side = depth * math.sin(_CORE * half_width) + 1.0
-        for row in range(max(0, int(min(y, y + reach_y) - side)), min(rows, int(max(y, y + reach_y) + side) + 1)):
-            for col in range(max(0, int(min(x, x + reach_x) - side)), min(cols, int(max(x, x + reach_x) + side) + 1)):
-                if evidence[row, col] == 0:
-                    continue
-                dx, dy = col + 0.5 - x, row + 0.5 - y
-                distance = math.hypot(dx, dy)
-                if distance <= depth and dx * cos_axis + dy * sin_axis >= cos_width * distance:
-                    evidence[row, col] -= 1
-                    if evidence[row, col] == _HIT - 1:
-                        n, touched = _note(touched, n, row * cols + col)
-        if reading > mark_reach:
-            continue
-        samples = 2 + int(4.0 * reading * half_width)  # at most half a cell apart
-        known = False
-        for pass_ in range(2):  # is the echo explained? if not, what does it mark?
-            for k in range(samples):
-                offset = half_width * (2.0 * k / (samples - 1) - 1.0)
-                row = math.floor(y + reading * math.sin(axis + offset))
-                col = math.floor(x + reading * math.cos(axis + offset))
-                if not (0 <= row < rows and 0 <= col < cols):
-                    continue
-                if pass_ == 0:
-                    if explained[row, col] != 0:
-                        known = True
-                    elif evidence[row, col] >= _HIT:
-                        evidence[row, col] = _MOST
-                        # On the rim another surface may have answered.
-                        known = known or abs(offset) <= _CORE * half_width
-                elif evidence[row, col] < _HIT and abs(offset) <= _CORE * half_width:
-                    evidence[row, col] = _HIT
-                    n, touched = _note(touched, n, row * cols + col)
-            if known:
-                break
-    return n, touched
-
-
-@njit(cache=True)
-def _forget_disc(evidence: NDArray, touched: NDArray, n: int, x: float, y: float, radius: float) -> tuple[int, NDArray]:
-    """Where the robot is, nothing else is."""
-    rows, cols = evidence.shape
-    for row in range(max(0, int(y - radius)), min(rows, int(y + radius) + 1)):
-        for col in range(max(0, int(x - radius)), min(cols, int(x + radius) + 1)):
-            if evidence[row, col] > 0 and math.hypot(col + 0.5 - x, row + 0.5 - y) <= radius:
-                evidence[row, col] = 0
-                n, touched = _note(touched, n, row * cols + col)
-    return n, touched
-
-
-@njit(cache=True)
-def _commit(evidence: NDArray, ground: NDArray, solid: NDArray, touched: NDArray, n: int) -> tuple[int, int, int, int]:
-    """Brings `solid` up to date at the touched cells; returns the box (r0, r1, c0, c1) of what has changed."""
-    rows, cols = evidence.shape
-    r0, r1, c0, c1 = rows, 0, cols, 0
-    for i in range(n):
-        row, col = touched[i] // cols, touched[i] % cols
-        new = ground[row, col]
-        if evidence[row, col] >= _HIT:
-            new = max(new, np.uint8(LETHAL))
-        if solid[row, col] != new:
-            solid[row, col] = new
-            r0, r1, c0, c1 = min(r0, row), max(r1, row + 1), min(c0, col), max(c1, col + 1)
-    return r0, r1, c0, c1
 
 
 @cache

@@ -10,10 +10,14 @@ from functools import partial
 import numpy as np
 
 from planners import costmap as layered
+from planners import recovery as behaviours
 from planners.costmap import LayeredCostmap
 from planners.grid_search import LazyTrace, nearest_free
 from planners.polyline import blocked_ahead, nearest_on_path
 from planners.pure_pursuit import STOPPING_SHARE
+from planners.recovery import Recovery, Watch, standing
+from planners.rolling_costmap import Parameters as RollingParameters
+from planners.rolling_costmap import RollingCostmap
 from robocar.core import (
     SE2,
     STOP,
@@ -31,6 +35,7 @@ from robocar.core import (
     Lines,
     LocalPlanner,
     Mapper,
+    NoPathFound,
     Observation,
     OutsideMap,
     Path,
@@ -44,6 +49,7 @@ from robocar.core import (
 )
 from robocar.core.trace import PLAN_COLOR
 
+_SHOW_PERIOD = 1.0  # [s] of the local costmap in the recording
 _GOAL_SHIFT = 0.75  # of the goal's tolerance, the farthest that a blocked goal is moved: the rest is left for arriving
 
 
@@ -56,12 +62,14 @@ class Parameters:
         clearing_distance: to drive, after all that was seen has been forgotten for want of a path, before it is forgotten again
             [m].
         max_clearings: how often it is forgotten at most, for one goal: what has been seen that often is there.
+        planner_frequency: how often it is planned anew although nothing asks for it; 0 is never [Hz].
     """
 
     max_path_deviation: float = 0.3
     max_escape: float = 0.5
     clearing_distance: float = 0.5
     max_clearings: int = 5
+    planner_frequency: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("max_path_deviation", "max_escape", "clearing_distance"):
@@ -69,6 +77,8 @@ class Parameters:
                 raise ValueError(f"{name} must be positive, not {getattr(self, name)}")
         if self.max_clearings < 0:
             raise ValueError(f"max_clearings must not be negative, not {self.max_clearings}")
+        if not 0.0 <= self.planner_frequency < math.inf:
+            raise ValueError(f"planner_frequency must not be negative, not {self.planner_frequency}")
 
 
 class PlanAndFollow:
@@ -77,6 +87,10 @@ class PlanAndFollow:
     It plans for every new goal, and again when what is seen blocks the rest of the path or the robot has left it. Where there is
     no path, the obstacle layer, which holds misplaced echoes too, is forgotten and the plan tried again; if that fails, or if it
     has been done less than `clearing_distance` ago or `max_clearings` times, the navigator gives up with the planner's reason.
+
+    Args:
+        local_costmap: what the local planner is given, a window around the robot; by default the planner's costmap.
+        recovery: what is tried before giving up, also where the local planner gives up, or progress is lost; by default nothing.
     """
 
     def __init__(
@@ -85,8 +99,12 @@ class PlanAndFollow:
         local_planner: LocalPlanner,
         costmap: LayeredCostmap,
         parameters: Parameters | None = None,
+        local_costmap: RollingCostmap | None = None,
+        recovery: Recovery | None = None,
     ) -> None:
         self.parameters = parameters or Parameters()
+        self.local_costmap, self.recovery = local_costmap, recovery
+        self._watch = Watch(recovery.parameters) if recovery is not None else None
         self.global_planner, self.local_planner, self.costmap = global_planner, local_planner, costmap
         # Compiled here, not in the control loop.
         points = np.array([[0.5, 0.5], [1.5, 0.5]])
@@ -98,16 +116,26 @@ class PlanAndFollow:
         """A new episode: forgets path, obstacles seen and counts."""
         self.global_planner.reset(rng)
         self.local_planner.reset(rng)
-        self.costmap.clear()
+        self._clear()
         self._forget()
+
+    def _clear(self) -> None:
+        self.costmap.clear()
+        if self.local_costmap is not None:
+            self.local_costmap.clear()
 
     def _forget(self) -> None:
         self.replans = 0
+        self._planned_at = self._shown_at = -math.inf
+        if self.recovery is not None and self._watch is not None:
+            self.recovery.forget()
+            self._watch.forget()
         self._goal: Goal | None = None
         self._target: Goal | None = None
         self._path: Path | None = None
         self._cleared_at: Array | None = None
         self._clearings = 0
+        self._bare = False
 
     def command(self, belief: Belief, mapper: Mapper, observation: Observation, goal: Goal | None) -> Command:
         """Next command; `GiveUp` (`no_path`) where the planner finds no way. `mapper` is not needed: the costmap is the map."""
@@ -119,26 +147,73 @@ class PlanAndFollow:
             self._clearings = 0
             self.costmap.cover(np.array([pose.position, goal.position]))
         self.costmap.update(pose, observation)
+        if self.local_costmap is not None:
+            self.local_costmap.update(pose, observation)
+        if self._watch is not None and (silent := self._watch.silent(observation)):
+            self._watch.restart()
+            return standing(f"no reading of the {silent}: standing")
+        if self.recovery is not None and (step := self.recovery.step(pose, self._local(), observation.time)) is not None:
+            return step
         trace: Trace = {}
-        reason = "new goal" if new_goal else self._reason_to_replan(pose)
+        reason = "new goal" if new_goal else self._reason_to_replan(pose, observation.time)
         if reason:
             try:
                 plan = self._plan(pose, goal)
             except PlanningError as error:
-                self._goal = self._path = None
-                return GiveUp(str(error))
+                self._goal, self._path = goal, None
+                return self._failed(pose, observation.time, GiveUp(str(error), trace=error.trace), error)
             self.replans += 0 if new_goal else 1
-            self._goal = goal
+            self._goal, self._planned_at = goal, observation.time
             self._follow(plan.path)
             trace = self._plan_trace(plan, reason)
         assert self._target is not None
         if _arrived(pose, self._target):
             return replace(STOP, trace=trace)
-        command = self.local_planner.command(belief, self._path, self.costmap.costmap(), observation, self._target)
+        command = self.local_planner.command(belief, self._path, self._local(), observation, self._target)
+        if isinstance(command, GiveUp):
+            command = self._failed(pose, observation.time, command)
+        elif self._watch is not None and self._watch.lost_progress(pose, observation.time):
+            command = self._failed(pose, observation.time, GiveUp("no progress", "stuck"))
+        if self.local_costmap is not None and observation.time - self._shown_at >= _SHOW_PERIOD:
+            self._shown_at = observation.time
+            trace = _merged(trace, {"costmap/local": Field(self._local())})
         return replace(command, trace=_merged(trace, command.trace)) if trace else command
 
-    def _reason_to_replan(self, pose: SE2) -> str:
+    def _local(self) -> Costmap:
+        """What the local planner is given."""
+        return (self.local_costmap or self.costmap).costmap()
+
+    def _failed(self, pose: SE2, time: float, failure: GiveUp, error: PlanningError | None = None) -> Command:
+        """The first step of the next recovery, or `failure` where there is none (left).
+
+        Where there is no way although all that was seen is forgotten, no recovery makes one; a goal that something stands on may
+        become free.
+        """
+        recovery = self.recovery
+        hopeless = isinstance(error, OutsideMap) or (self._bare and isinstance(error, NoPathFound | GoalOccupied))
+        if recovery is None or self._watch is None or hopeless:
+            self._goal = None
+            return failure
+        self._watch.restart()
+        self._path = None
+        if isinstance(error, GoalOccupied):
+            recovery.wait("something stands on the goal", pose, time)
+        else:
+            name = recovery.next(failure.reason, pose, time)
+            if name is None:
+                self._goal = None
+                return replace(failure, reason=f"{failure.reason} (after {recovery.count} recoveries)")
+            if name == "clear":
+                self._clear()
+                return standing(recovery.message)
+        return recovery.step(pose, self._local(), time) or standing(recovery.message)
+
+    def _reason_to_replan(self, pose: SE2, time: float) -> str:
         """Why the path will not do any longer, or nothing."""
+        if self._path is None:
+            return "recovery"
+        if self.parameters.planner_frequency > 0.0 and time - self._planned_at >= 1.0 / self.parameters.planner_frequency - 1e-9:
+            return "time to plan anew"
         self._segment, _, distance = nearest_on_path(self._points, self._segment, pose.x, pose.y, 2.0)
         if distance > self.parameters.max_path_deviation:
             return f"{distance:.2f} m off the path"
@@ -158,6 +233,7 @@ class PlanAndFollow:
         self._checked_version = self.costmap.version
 
     def _plan(self, pose: SE2, goal: Goal) -> Plan:
+        self._bare = False  # whether the last plan failed on the prior map alone
         try:
             return self._plan_from_free(pose, goal)
         except OutsideMap:
@@ -171,7 +247,10 @@ class PlanAndFollow:
             self._cleared_at = here
             self._clearings += 1
             self.costmap.clear()
-            return self._plan_from_free(pose, goal)
+            self._bare = True
+            plan = self._plan_from_free(pose, goal)
+            self._bare = False
+            return plan
 
     def _plan_from_free(self, pose: SE2, goal: Goal) -> Plan:
         """A plan from the robot; where it stands in blocked cells, from the nearest free one, and where the goal is blocked, to
@@ -209,7 +288,7 @@ class PlanAndFollow:
                 "expanded": Scalar(plan.expanded),
                 "plan": Text(message),
             },
-            LazyTrace({"costmap": lambda: Field(costmap)}),
+            LazyTrace({"costmap" if self.local_costmap is None else "costmap/global": lambda: Field(costmap)}),
             plan.trace,
         )
 
@@ -258,6 +337,22 @@ def plan_and_follow(
     if context.start is not None:
         costmap.cover([(context.start.x, context.start.y)])
     return PlanAndFollow(global_builder(context), local_builder(context), costmap, context.parameters_of(Parameters))
+
+
+def plan_and_avoid(
+    context: Context,
+    global_builder: Callable[[Context], GlobalPlanner],
+    local_builder: Callable[[Context], LocalPlanner],
+) -> PlanAndFollow:
+    """The same over two costmaps and with recovery behaviours, for local planners that look for their own way."""
+    navigator = plan_and_follow(context, global_builder, local_builder)
+    local = RollingCostmap(
+        context.prior, context.robot, context.parameters_of(layered.Parameters), context.parameters_of(RollingParameters)
+    )
+    recovery = behaviours.build(context)
+    return PlanAndFollow(
+        navigator.global_planner, navigator.local_planner, navigator.costmap, navigator.parameters, local, recovery
+    )
 
 
 def _arrived(pose: SE2, goal: Goal) -> bool:

@@ -12,12 +12,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
-from planners.collision import footprint_free
+from planners.outlines import Outlines, View
 from planners.polyline import nearest_on_path, point_ahead
-from robocar.core import SE2, Array, Belief, Context, Costmap, Drive, Goal, Observation, Path, Points, Robot, Text, Twist
+from robocar.core import SE2, Belief, Context, Costmap, Drive, Goal, Observation, Path, Points, Robot, Text, Twist
 from robocar.core.trace import Drawable
 
 STOPPING_SHARE = 0.5
@@ -26,8 +24,6 @@ STOPPING_SHARE = 0.5
 _TOUCHING = 1e-3  # [m] an arc that is free no farther is blocked
 _ALIGNED = 0.05  # [rad] less is not worth turning for
 _SWERVE = 3.0  # [1/m] curvature of the arcs tried backwards
-_NOTHING = np.zeros((1, 1), dtype=np.uint8)
-_NOTHING.flags.writeable = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,81 +81,13 @@ class _Arc:
     carrot: tuple[float, float]
 
 
-@njit(cache=True)
-def _free_arc(
-    costs: NDArray, x: float, y: float, theta: float, curvature: float, length: float, step: float, vertices: Array
-) -> tuple[float, float]:
-    """How far along an arc (backwards where `length` is negative) the outline stays free, at most |length|, and the highest cost
-    that the robot's centre meets there. Pose, lengths in cells, curvature in 1 / cells."""
-    rows, cols = costs.shape
-    sign = 1.0 if length >= 0.0 else -1.0
-    length = abs(length)
-    n = max(1, math.ceil(length / step))
-    highest = 0.0
-    for i in range(1, n + 1):
-        s = sign * length * i / n
-        turn = curvature * s
-        if abs(turn) < 1e-9:
-            forward, left = s, 0.5 * s * turn
-        else:
-            forward, left = math.sin(turn) / curvature, (1.0 - math.cos(turn)) / curvature
-        px = x + forward * math.cos(theta) - left * math.sin(theta)
-        py = y + forward * math.sin(theta) + left * math.cos(theta)
-        if not footprint_free(costs, px, py, theta + turn, vertices):
-            return length * (i - 1) / n, highest
-        row, col = math.floor(py), math.floor(px)
-        if 0 <= row < rows and 0 <= col < cols:
-            highest = max(highest, float(min(costs[row, col], np.uint8(252))))
-    return length, highest
-
-
-@njit(cache=True)
-def _free_turn(costs: NDArray, x: float, y: float, theta: float, angle: float, vertices: Array) -> bool:
-    """Whether the outline stays free while turning on the spot by `angle` [rad]."""
-    n = max(1, math.ceil(abs(angle) / 0.05))
-    free = True
-    for i in range(1, n + 1):
-        free = free and footprint_free(costs, x, y, theta + angle * i / n, vertices)
-    return free
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _View:
-    """The costmap seen from the robot: pose in grid coordinates, outline in cells; None where the car seems to stand in an
-    obstacle."""
-
-    costs: NDArray[np.uint8]
-    resolution: float
-    x: float
-    y: float
-    theta: float
-    outline: Array | None
-
-    def free_arc(self, curvature: float, length: float) -> tuple[float, float]:
-        """How far along the arc [1/m, m] the car can go [m], and the highest cost there."""
-        if self.outline is None:
-            return abs(length), 252.0
-        r = self.resolution
-        free, highest = _free_arc(
-            self.costs, self.x, self.y, self.theta, curvature * r, length / r, min(0.5, 0.02 / r), self.outline
-        )
-        return free * r, highest
-
-    def free_turn(self, angle: float) -> bool:
-        return self.outline is None or _free_turn(self.costs, self.x, self.y, self.theta, angle, self.outline)
-
-
 class PurePursuit:
     """Path follower for a car that turns on the spot."""
 
     def __init__(self, robot: Robot, control_period: float, parameters: Parameters | None = None) -> None:
         self.parameters = parameters or Parameters()
         self._limits, self._dt = robot.limits, control_period
-        # Outlines from roomy to slim: the first one that is free where the car stands is kept free on its way. The slim one lets
-        # it drive out of what it touches only in its belief, or by a misplaced echo.
-        padding = 1.0 + self.parameters.footprint_padding / robot.footprint.inscribed_radius
-        self._outlines = [np.array(robot.footprint.vertices * share) for share in (padding, 1.0, 0.75)]  # (n, 2) [m]
-        self._resolution, self._outlines_in_cells = 1.0, self._outlines
+        self._outlines = Outlines(robot.footprint, self.parameters.footprint_padding)
         self._forget()
         # Compiled here, not in the control loop: an arc and a turn.
         path, goal = Path(np.array([[0.0, 0.0], [1.0, 0.0]])), Goal(np.array([1.0, 0.0]))
@@ -186,7 +114,7 @@ class PurePursuit:
             costmap: obstacles; None is a world without.
         """
         pose = belief.pose
-        views = self._views(costmap, pose)
+        views = self._outlines.views(costmap, pose)
         if math.hypot(goal.position[0] - pose.x, goal.position[1] - pose.y) <= STOPPING_SHARE * goal.xy_goal_tolerance:
             self._back_up_left = 0.0
             return self._align(views[-1], pose, goal)
@@ -210,22 +138,7 @@ class PurePursuit:
         self._back_up_left = self.parameters.back_up_distance
         return self._back_up(views[-1], trace)
 
-    def _views(self, costmap: Costmap | None, pose: SE2) -> list[_View]:
-        """The place with each outline that is free there, roomy ones first."""
-        if costmap is None:
-            return [_View(_NOTHING, 1.0, pose.x, pose.y, pose.theta, self._outlines[0])]
-        resolution = costmap.resolution
-        if resolution != self._resolution:
-            self._resolution, self._outlines_in_cells = resolution, [outline / resolution for outline in self._outlines]
-        at = costmap.origin.inverse() @ pose
-        x, y = at.x / resolution, at.y / resolution
-        roomy, exact, slim = self._outlines_in_cells
-        free = [outline for outline in (roomy, exact) if footprint_free(costmap.data, x, y, at.theta, outline)]
-        if not free:
-            free = [slim if footprint_free(costmap.data, x, y, at.theta, slim) else None]
-        return [_View(costmap.data, resolution, x, y, at.theta, outline) for outline in free]
-
-    def _best_arc(self, view: _View, pose: SE2) -> _Arc:
+    def _best_arc(self, view: View, pose: SE2) -> _Arc:
         """The arc to the carrot, or to a nearer one where it would touch something; if all do, the one that is free the
         longest."""
         lookahead = self.parameters.lookahead_dist
@@ -270,7 +183,7 @@ class PurePursuit:
         fastest = min(self.parameters.rotate_to_heading_angular_vel, self._limits.max_vel_theta)
         return math.copysign(min(fastest, math.sqrt(self._limits.acc_lim_theta * abs(angle))), angle)
 
-    def _align(self, view: _View, pose: SE2, goal: Goal) -> Drive:
+    def _align(self, view: View, pose: SE2, goal: Goal) -> Drive:
         """At the goal: stand, or turn to its heading."""
         turn = 0.0 if goal.heading is None else math.remainder(goal.heading - pose.theta, math.tau)
         if abs(turn) <= STOPPING_SHARE * goal.yaw_goal_tolerance:
@@ -280,7 +193,7 @@ class PurePursuit:
             turn = other
         return self._drive(view, 0.0, self._turning_speed(turn))
 
-    def _back_up(self, view: _View, trace: dict[str, Drawable]) -> Drive:
+    def _back_up(self, view: View, trace: dict[str, Drawable]) -> Drive:
         """Out of where the car can neither go on nor turn: back on the freest of three arcs, else a little turn either way."""
         speed = min(self.parameters.back_up_speed, -self._limits.min_vel_x)
         self._back_up_left -= max(speed, 1e-3) * self._dt
@@ -294,7 +207,7 @@ class PurePursuit:
                 return self._drive(view, 0.0, self._turning_speed(angle), trace)
         return self._drive(view, 0.0, 0.0, trace | {"pure_pursuit": Text("blocked on all sides", "WARN")})
 
-    def _drive_arc(self, view: _View, arc: _Arc, trace: dict[str, Drawable]) -> Drive:
+    def _drive_arc(self, view: View, arc: _Arc, trace: dict[str, Drawable]) -> Drive:
         """Along an arc: its curvature is kept while the car speeds up, and turning sets the pace where it takes longer."""
         reach = self._limits.acc_lim_theta * self._dt
         v = min(self._regulated(arc), self._last.v + self._limits.acc_lim_x * self._dt)
@@ -304,7 +217,7 @@ class PurePursuit:
             v = max(0.0, omega / arc.curvature, self._last.v - self._limits.acc_lim_x * self._dt)
         return self._drive(view, v, omega, trace)
 
-    def _drive(self, view: _View, v: float, omega: float, trace: dict[str, Drawable] | None = None) -> Drive:
+    def _drive(self, view: View, v: float, omega: float, trace: dict[str, Drawable] | None = None) -> Drive:
         """The wanted twist within the accelerations, unless braking from it would end in an obstacle: then the car stops at once,
         and if it stands already, it backs up."""
         limits, dt, last = self._limits, self._dt, self._last

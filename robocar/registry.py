@@ -54,6 +54,48 @@ def _follow(global_planner: str, summary: str, paper: str) -> Entry:
     )
 
 
+def _avoid(global_planner: str, local_planner: str, summary: str, paper: str) -> Entry:
+    """A navigator that plans on the map, and whose local planner looks for its own way along the path."""
+    module, local = f"planners.{global_planner}", f"planners.{local_planner}"
+    return Entry(
+        "planners.navigator:plan_and_avoid",
+        summary,
+        paper,
+        parts=(f"{module}:build", f"{local}:build"),
+        parameters=(
+            f"{module}:Parameters",
+            f"{local}:Parameters",
+            "planners.costmap:Parameters",
+            "planners.rolling_costmap:Parameters",
+            "planners.navigator:Parameters",
+            "planners.recovery:Parameters",
+        ),
+    )
+
+
+def _bug(module: str, summary: str, paper: str, *more: str) -> Entry:
+    """A bug: what it sees all round, turns on the spot and straight motions."""
+    parameters = ("planners.bug_motion:Parameters", *more)
+    return Entry(f"planners.{module}:build", summary, paper, parameters=parameters)
+
+
+_BUGS = {
+    "bug1": ("bug1", "once round every obstacle, left where it is closest to the goal", "Lumelsky and Stepanov 1987"),
+    "bug2": ("bug2", "along obstacles back to the line from start to goal", "Lumelsky and Stepanov 1987"),
+    "dist-bug": ("dist_bug", "along obstacles until what is free ahead brings it closer than ever", "Kamon and Rivlin 1997"),
+    "tangent-bug": (
+        "tangent_bug",
+        "over ends of obstacles in sight that are closer to the goal",
+        "Kamon, Rimon and Rivlin 1998",
+    ),
+    "point-bug": ("point_bug", "to the end of an obstacle whose direction is nearest to the goal's", "Buniyamin et al. 2011"),
+    "critical-point-bug": (
+        "critical_point_bug",
+        "to the unvisited end of an obstacle that is nearest to the goal, as a point",
+        "Das, Dutta and Debnath, reference 22 of IJEECS 18(3), 2020",
+    ),
+}
+
 NAVIGATORS: dict[str, Entry] = {
     "dynamic-a-star": Entry(
         "planners.dynamic_a_star:build",
@@ -80,6 +122,24 @@ NAVIGATORS: dict[str, Entry] = {
             "planners.costmap:Parameters",
             "planners.navigator:Parameters",
         ),
+    ),
+    "a-star-dwa": _avoid("a_star", "dwa", "shortest grid path; Dynamic Window Approach", "Fox, Burgard and Thrun 1997"),
+    "theta-star-dwa": _avoid("theta_star", "dwa", "any-angle path; Dynamic Window Approach", "Fox, Burgard and Thrun 1997"),
+    **{name: _bug(*about) for name, about in _BUGS.items()},
+    "safe-direction": Entry(
+        "planners.safe_direction:build",
+        "between the shortest and the safest direction of one scan; keeps to the middle, keeps no map",
+        "Trihatmo, BPPT",
+        parameters=("planners.safe_direction:Parameters", "planners.pure_pursuit:Parameters"),
+    ),
+    "safe-direction-memory": Entry(
+        "planners.safe_direction:build_with_memory",
+        "the same with a memory of what was seen, on a grid that rolls along: gets out of deeper traps",
+        "Trihatmo, BPPT",
+        parameters=("planners.safe_direction:Parameters", "planners.pure_pursuit:Parameters"),
+    ),
+    "path-transform": _follow(
+        "path_transform", "cheapest path where nearness to obstacles costs, followed by pure pursuit", "Zelinsky 1994"
     ),
     "explore": Entry(
         "planners.explore:build",
