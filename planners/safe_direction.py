@@ -1,0 +1,498 @@
+"""Safe-direction navigation in an unknown, changing world (Trihatmo, Navigation in dynamic, unstructured environments, BPPT).
+
+From one scan and the goal: the shortest direction over the optimistic reading of the scan, the safest one over the pessimistic
+reading, a direction between them by the safety factor, and a local target that way. No map is kept; the variant
+`safe-direction-memory` remembers what it has seen around it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from planners import pure_pursuit
+from planners.grid_search import LazyTrace
+from planners.navigator import Reactive
+from planners.pure_pursuit import STOPPING_SHARE, PurePursuit
+from planners.safe_direction_fan import Choice, Fan, choose, directions, fan, shortest_direction
+from planners.safe_direction_memory import RollingMemory
+from planners.safe_direction_view import Panorama, Readings, Sector, mark, sector_of, window
+from planners.transforms import METRICS, goal_seeds, obstacle_transform, spread
+from robocar.core import (
+    LETHAL,
+    SE2,
+    STOP,
+    Array,
+    Arrows,
+    Belief,
+    Command,
+    Context,
+    Costmap,
+    Drive,
+    Field,
+    GiveUp,
+    Goal,
+    Lines,
+    Observation,
+    Path,
+    Points,
+    Robot,
+    Scalar,
+    Text,
+    Trace,
+    Twist,
+)
+from robocar.core.trace import PLAN_COLOR
+
+_REACHED = 0.10  # [m] from a local target, where it counts as reached
+_REVERSAL = math.radians(60.0)  # a turn sharper than this waits until the local target is reached
+_LEAST = 0.10  # [m] a direction that is free no farther is none
+_GROUND = 0.25  # [m] side of the squares that count as ground covered
+_TURNING = 0.15  # [m/rad] what turning counts as, in metres of way
+_PICTURE = 5  # decisions from one picture of the grids in the recording to the next
+_ROOM = 1.5  # [cells] more than its growth, the place of the robot itself that counts as seen
+
+
+@dataclass(frozen=True, slots=True)
+class Parameters:
+    """
+    Args:
+        alpha: the safety factor: 0 shortest, 1 safest (eq. 6).
+        delta: how large N of the shortest direction has to be, as a share of the safest one's, for alpha to be 0 (eq. 15); at 1 the
+            rule is off. The paper gives no value.
+        number_of_directions: of the fan over the sector (eq. 1).
+        view_angle: opening angle of the sector ahead that is looked at, at most the sensor's [rad].
+        max_range: r_max, up to which readings count, at most the sensor's [m].
+        resolution: of the local grids [m].
+        metric: of the distance transform: euclidean, octile or jarvis.
+        safe_sector: opening angle around the shortest direction in which the safest one is sought [rad]; 2 pi: anywhere in the
+            sector, as in the paper, which looks ahead only.
+        padding: by which obstacles are grown beyond the robot's circumscribed radius [m].
+        step_share, max_step: the local target lies this share of the free way ahead, at most so far [1, m] (eq. 9).
+        approach_distance: a goal so near, with a free way to it, is driven to straight [m].
+        obstacle_speed: what comes towards the robot is taken to come this fast [m/s].
+        wait_time: without any way the robot stands so long before it gives up [s].
+        patience: way driven without covering new ground, at which it says that it is stuck [m]; a turn counts 0.15 m/rad.
+        memory_size: side of the grid that the variant with a memory keeps [m].
+    """
+
+    alpha: float = 0.6
+    delta: float = 0.95
+    number_of_directions: int = 181
+    view_angle: float = math.tau
+    max_range: float = 3.0
+    resolution: float = 0.05
+    metric: str = "euclidean"
+    safe_sector: float = math.pi
+    padding: float = 0.02
+    step_share: float = 0.7
+    max_step: float = 1.0
+    approach_distance: float = 0.6
+    obstacle_speed: float = 0.3
+    wait_time: float = 8.0
+    patience: float = 15.0
+    memory_size: float = 12.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.alpha <= 1.0:
+            raise ValueError(f"alpha, the safety factor, goes from 0 to 1, not {self.alpha}")
+        if not 0.0 < self.delta <= 1.0:
+            raise ValueError(f"delta goes from above 0 to 1 (the rule is off), not {self.delta}")
+        if not 3 <= self.number_of_directions <= 3600:
+            raise ValueError(f"number_of_directions goes from 3 to 3600, not {self.number_of_directions}")
+        for name in ("view_angle", "safe_sector"):
+            if not 0.0 < getattr(self, name) <= math.tau * (1.0 + 1e-6):
+                raise ValueError(f"{name} goes from above 0 to 2 pi, not {getattr(self, name)}")
+        if self.metric not in METRICS:
+            raise ValueError(f"metric must be one of {', '.join(METRICS)}, not {self.metric!r}")
+        if not 0.01 <= self.resolution <= 0.2:
+            raise ValueError(f"resolution goes from 0.01 to 0.2 m, not {self.resolution}")
+        if not 0.5 <= self.max_range <= 200 * self.resolution:
+            raise ValueError(f"max_range goes from 0.5 m to 200 cells ({200 * self.resolution:g} m), not {self.max_range}")
+        if not self.max_range <= 0.5 * self.memory_size <= 500 * self.resolution:
+            raise ValueError(
+                f"memory_size goes from twice max_range ({2 * self.max_range:g} m) to 1000 cells ({1000 * self.resolution:g} m), "
+                f"not {self.memory_size}"
+            )
+        if not 0.0 < self.step_share < 1.0:
+            raise ValueError(f"step_share lies between 0 and 1 (the local target before the contact), not {self.step_share}")
+        for name in ("max_step", "patience"):
+            if not 0.1 <= getattr(self, name) < math.inf:
+                raise ValueError(f"{name} must be at least 0.1 m, not {getattr(self, name)}")
+        for name in ("padding", "approach_distance", "obstacle_speed", "wait_time"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise ValueError(f"{name} must not be negative, not {getattr(self, name)}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Decision:
+    """What a look around says: the models, the transforms on them, the fan and the choice.
+
+    Args:
+        seen: the two readings of the scan.
+        clearance: obstacle transform of the pessimistic one, obstacles grown, (rows, cols) [cells].
+        distance: distance transform of the optimistic one, obstacles grown, (rows, cols) [cells].
+        fan: over the pessimistic model.
+        choice: None where no way to the goal is in sight.
+    """
+
+    seen: Readings
+    clearance: Array
+    distance: Array
+    fan: Fan
+    choice: Choice | None
+
+
+class Directions:
+    """The method itself, without motion: from what is seen to a direction.
+
+    The car needs its circumscribed radius to turn anywhere. Where nothing but gaps too narrow for that is in sight, its inscribed
+    radius will do: it can pass straight.
+    """
+
+    def __init__(self, robot: Robot, sector: Sector, parameters: Parameters) -> None:
+        self.sector, self.parameters = sector, parameters
+        outline = robot.footprint
+        self._growths = [
+            (radius + parameters.padding) / parameters.resolution for radius in (outline.circumscribed_radius, outline.inscribed_radius)
+        ]  # [cells]
+        self._body = self._growths[0] + _ROOM
+        self._join = 2.0 * self._growths[0]
+
+    def readings(self, pose: SE2, panorama: Panorama) -> Readings:
+        """The panorama on cells around `pose` (world_from_robot)."""
+        p = self.parameters
+        grid = window(pose, self.sector.reach, p.resolution)
+        free, occupied = np.zeros(grid.shape, dtype=np.bool_), np.zeros(grid.shape, dtype=np.bool_)
+        x, y = (v / p.resolution for v in grid.origin.inverse_apply(pose.x, pose.y))
+        mark(panorama.ranges, panorama.hit, panorama.linked, x, y, 1.0 / p.resolution, self._body, self._join, free, occupied)
+        return Readings(grid, free, occupied, x, y)
+
+    def decide(self, seen: Readings, heading: float, goal: Array) -> Decision:
+        """The direction to go, for a robot that looks along `heading` [rad] and wants to get to `goal` (2,) [m]."""
+        p, r = self.parameters, self.parameters.resolution
+        row, col = int(seen.y), int(seen.x)
+        # Distances between centres, less half a cell: to the obstacle's edge.
+        room = obstacle_transform(~seen.free) - 0.5
+        obstacles = obstacle_transform(seen.occupied) - 0.5
+        headings = directions(heading, self.sector.width, p.number_of_directions)
+        gx, gy = (v / r for v in seen.grid.origin.inverse_apply(*goal))
+        clearance, distance, found, choice = room, room, None, None
+        for growth in self._growths:
+            # Nearer to an obstacle than that, the robot leaves it as if it were slimmer.
+            slim = max(0.0, min(growth, float(room[row, col]) - 0.5))
+            clearance = room - slim
+            # Shortest ways touch what they go round; the fan's first steps there must be free.
+            blocked = obstacles < max(0.0, min(growth + 0.5, float(obstacles[row, col]) - 0.5))
+            distance = self._distance(blocked, (gx, gy), (row, col))
+            found = fan(headings, clearance, seen.x, seen.y, self.sector.reach, r, self.sector.whole)
+            shortest = shortest_direction(distance, seen.x, seen.y, (gx, gy), self.sector.reach / r)
+            if shortest is None:
+                continue
+            outside = abs(math.remainder(shortest - heading, math.tau)) > 0.5 * self.sector.width
+            barrier = min(p.max_step, self.sector.reach)
+            choice = choose(found, shortest, outside, p.alpha, p.delta, p.safe_sector, barrier)
+            break
+        assert found is not None
+        return Decision(seen, clearance, distance, found, choice)
+
+    def _distance(self, blocked: np.ndarray, goal: tuple[float, float], robot: tuple[int, int]) -> Array:
+        """Distance transform from the goal, from the free cells nearest to it where it is blocked itself."""
+        metric = self.parameters.metric
+        seeds = goal_seeds(blocked, np.array([goal[1], goal[0]]), metric)  # type: ignore[arg-type]
+        if len(seeds[0]) == 0:
+            cells = np.argwhere(~blocked)
+            away = np.hypot(cells[:, 0] + 0.5 - goal[1], cells[:, 1] + 0.5 - goal[0])
+            nearest = np.argsort(away, kind="stable")[:1]
+            seeds = cells[nearest], away[nearest]
+        return spread(blocked, seeds, metric, robot)  # type: ignore[arg-type]
+
+
+class SafeDirection:
+    """Local planner: decides at each scan, and drives to the local target by pure pursuit.
+
+    The paper's loop is scan, decide, drive to the local target, scan again. Here each scan decides anew, so that what moves is
+    seen at once; but a decision to turn round waits until the local target is reached, or its way blocked. Deciding that at once, a
+    method without a map turns back as soon as it cannot see any longer why it went that way.
+
+    Args:
+        memory: what has been seen is kept there; None is the paper's method.
+    """
+
+    def __init__(
+        self, robot: Robot, period: float, pursuit: PurePursuit, memory: RollingMemory | None, parameters: Parameters | None = None
+    ) -> None:
+        self.parameters = p = parameters or Parameters()
+        self.robot, self.pursuit, self.memory, self._period = robot, pursuit, memory, period
+        self.sector = sector_of(robot, p.view_angle, p.max_range)
+        self.directions = Directions(robot, self.sector, p)
+        self.panorama = Panorama(self.sector, p.resolution, 2.0 * (robot.footprint.circumscribed_radius + p.padding))
+        self._forget()
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """A new episode; there is no chance in it."""
+        self.pursuit.reset(rng)
+        self._forget()
+
+    def _forget(self) -> None:
+        self.panorama.forget()
+        if self.memory is not None:
+            self.memory.forget()
+        self._last: Command = STOP
+        self._looked = -math.inf  # [s] time of the last scan
+        self._target: Array | None = None
+        self._goal: Goal | None = None
+        self._ground: set[tuple[int, int]] = set()
+        self._idle = 0.0  # [m] driven since the last new ground
+        self._before: SE2 | None = None
+        self._waiting_since: float | None = None
+        self._turning = False
+        self._forgotten = False
+        self._decisions = 0
+
+    def command(
+        self, belief: Belief, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal
+    ) -> Command:
+        """The next command; `path` and `costmap` are not needed."""
+        laser = observation.lidar if self.robot.lidar is not None else None
+        if laser is None and (self.robot.lidar is not None or not observation.sonars):
+            # The sonars of a car with a laser say nothing here; a laser that has fallen silent stops it.
+            return self._last if observation.time - self._looked <= 5.0 * self._period else STOP
+        self._looked = observation.time
+        command = self._decide_and_drive(belief, observation, goal)
+        self._last = replace(command, trace={})
+        return command
+
+    def _decide_and_drive(self, belief: Belief, observation: Observation, goal: Goal) -> Command:
+        pose = belief.pose
+        if self._goal is None or not np.array_equal(self._goal.position, goal.position):
+            self._goal, self._target, self._idle, self._forgotten = goal, None, 0.0, False
+            self._ground.clear()
+        sonars = () if self.robot.lidar is not None else observation.sonars
+        if not self.panorama.look(pose, observation.lidar if self.robot.lidar is not None else None, sonars):
+            return replace(STOP, trace={"safe_direction": Text("all beams are lost: standing", "WARN")})
+        seen = self.directions.readings(pose, self.panorama)
+        if self.memory is not None:
+            seen = self.memory.merge(pose, seen)
+        decision = self.directions.decide(seen, pose.theta, goal.position)
+        self._decisions += 1
+        trouble = self._trouble(pose, seen, decision, observation.time, goal)
+        if isinstance(trouble, GiveUp | Drive):
+            return trouble
+        if math.dist(pose.position, goal.position) <= STOPPING_SHARE * goal.xy_goal_tolerance:
+            return self._drive(belief, seen, np.array(goal.position), observation, goal, {})
+        notes: dict[str, Text] = {}
+        turn = self._new_target(pose, decision, goal, notes)
+        trace = self._trace(pose, decision, notes)
+        if turn is not None:
+            return replace(self._rotate(belief, seen, turn, observation), trace=trace)
+        assert self._target is not None
+        return self._drive(belief, seen, self._target, observation, goal, trace)
+
+    # -- where to -------------------------------------------------------------------------------------------------------
+
+    def _new_target(self, pose: SE2, decision: Decision, goal: Goal, notes: dict[str, Text]) -> float | None:
+        """Sets the local target; a heading to turn to on the spot where there is none (eq. 12, 13)."""
+        p, choice, here = self.parameters, decision.choice, pose.position
+        assert choice is not None
+        apart = math.dist(here, goal.position)
+        if apart <= p.approach_distance and self._straight(decision, goal.position):
+            self._target, self._turning = np.array(goal.position), False
+            return None
+        heading, length = choice.heading, choice.length
+        if not choice.turn and length < _LEAST:
+            around = np.abs(np.remainder(decision.fan.headings - heading + math.pi, math.tau) - math.pi)
+            around[decision.fan.lengths < _LEAST] = math.inf
+            k = int(np.argmin(around))
+            if around[k] <= math.pi / 2:
+                heading, length = float(decision.fan.headings[k]), float(decision.fan.lengths[k])
+        if self._under_way(pose, decision.fan):
+            assert self._target is not None
+            dx, dy = self._target - here
+            if choice.turn or abs(math.remainder(heading - math.atan2(dy, dx), math.tau)) > _REVERSAL:
+                return None  # first to the local target
+        if choice.turn or length < _LEAST:
+            if choice.turn and not self._turning:
+                turn = math.degrees(math.remainder(choice.heading - pose.theta, math.tau))
+                notes["safe_direction"] = Text(f"culdesac rule: the shortest way is out of sight, turning by {turn:.0f} degrees")
+            self._target, self._turning = None, choice.turn
+            return heading
+        self._turning = False
+        step = min(p.step_share * length, p.max_step, max(apart, _LEAST))
+        self._target = here + step * np.array([math.cos(heading), math.sin(heading)])
+        return None
+
+    def _under_way(self, pose: SE2, found: Fan) -> bool:
+        """Whether there is a local target still ahead, with a free way to it."""
+        if self._target is None:
+            return False
+        dx, dy = self._target - pose.position
+        apart = math.hypot(dx, dy)
+        if apart <= _REACHED:
+            return False
+        heading = math.atan2(dy, dx)
+        if abs(math.remainder(heading - pose.theta, math.tau)) > 0.5 * self.sector.width:
+            return False
+        return bool(found.lengths[found.nearest(heading)] >= apart - _REACHED)
+
+    def _straight(self, decision: Decision, goal: Array) -> bool:
+        """Whether the car can drive straight to a goal nearby, over cells that are seen free."""
+        seen, r = decision.seen, self.parameters.resolution
+        dx, dy = (v / r for v in (goal[0] - seen.grid.origin.x - seen.x * r, goal[1] - seen.grid.origin.y - seen.y * r))
+        room = obstacle_transform(~seen.free) - 0.5
+        along = np.linspace(0.0, 1.0, 2 + int(2.0 * math.hypot(dx, dy)))
+        rows, cols = (seen.y + along * dy).astype(int), (seen.x + along * dx).astype(int)
+        return bool((room[rows, cols] * r >= min(self.robot.footprint.inscribed_radius, room[rows[0], cols[0]] * r)).all())
+
+    # -- trouble --------------------------------------------------------------------------------------------------------
+
+    def _trouble(self, pose: SE2, seen: Readings, decision: Decision, time: float, goal: Goal) -> Command | None:
+        """A reason to stand or to give up, if there is one."""
+        self._count_ground(pose)
+        x, y = goal.position
+        cell = seen.grid.cell_from_world(goal.position)
+        inside = bool(seen.grid.contains(cell))
+        buried = inside and bool(seen.occupied[tuple(cell)])
+        apart = math.dist(pose.position, goal.position)
+        if self._idle > self.parameters.patience:
+            why = "the goal lies in an obstacle" if buried else "what is in sight does not lead on"
+            return GiveUp(
+                f"going in circles: {self._idle:.1f} m driven without new ground, {apart:.2f} m from the goal; {why}", "stuck"
+            )
+        if buried and decision.choice is not None and float(decision.distance[int(seen.y), int(seen.x)]) * seen.grid.resolution <= (
+            self._nearest(decision) + _REACHED
+        ):
+            return GiveUp(f"the goal ({x:.2f}, {y:.2f}) lies in an obstacle; {apart:.2f} m from it is as near as the car gets", "stuck")
+        if decision.choice is not None:
+            self._waiting_since = None
+            return None
+        if self.memory is not None and not self._forgotten:
+            self._forgotten = True
+            self.memory.forget()
+            return replace(STOP, trace={"safe_direction": Text("no way: what was seen is forgotten", "WARN")})
+        if self._waiting_since is None:
+            self._waiting_since = time
+        if time - self._waiting_since >= self.parameters.wait_time:
+            return GiveUp(f"obstacles all round: no way to the goal ({x:.2f}, {y:.2f}) is in sight", "no_path")
+        return replace(STOP, trace={"safe_direction": Text("no way in sight: waiting", "WARN")})
+
+    def _nearest(self, decision: Decision) -> float:
+        """The smallest value of the distance transform [m]: how far from a blocked goal the free cell next to it is."""
+        return float(decision.distance.min()) * self.parameters.resolution
+
+    def _count_ground(self, pose: SE2) -> None:
+        if self._before is not None:
+            turned = abs(math.remainder(pose.theta - self._before.theta, math.tau))
+            self._idle += self._before.distance_to(pose) + _TURNING * turned
+        self._before = pose
+        square = math.floor(pose.x / _GROUND), math.floor(pose.y / _GROUND)
+        if square not in self._ground:
+            self._ground.add(square)
+            self._idle = 0.0
+
+    # -- motion ---------------------------------------------------------------------------------------------------------
+
+    def _drive(
+        self, belief: Belief, seen: Readings, target: Array, observation: Observation, goal: Goal, trace: Trace
+    ) -> Drive:
+        """Pure pursuit of the straight way to the target, slow enough for what may come the other way."""
+        path = Path(np.stack([belief.pose.position, target]))
+        drive = self.pursuit.command(belief, path, self._costmap(seen), observation, goal)
+        slow = self._share_of_speed(seen, belief.pose, drive.twist.v)
+        twist = Twist(drive.twist.v * slow, drive.twist.omega * slow) if slow < 1.0 else drive.twist
+        return Drive(twist, trace=LazyTrace({name: (lambda n=name: trace[n]) for name in trace} | {n: (lambda n=n: drive.trace[n]) for n in drive.trace}))
+
+    def _rotate(self, belief: Belief, seen: Readings, heading: float, observation: Observation) -> Drive:
+        """Turns on the spot."""
+        here = belief.pose.position
+        goal = Goal(here, heading, yaw_goal_tolerance=0.1)
+        return self.pursuit.command(belief, None, self._costmap(seen), observation, goal)
+
+    def _costmap(self, seen: Readings) -> Costmap:
+        """What pure pursuit has to keep off: surfaces seen."""
+        return Costmap(np.where(seen.occupied, np.uint8(LETHAL), np.uint8(0)), seen.grid.resolution, seen.grid.origin)
+
+    def _share_of_speed(self, seen: Readings, pose: SE2, v: float) -> float:
+        """By what share to slow down so that the car stands before what comes towards it at `obstacle_speed` is there.
+
+        With free way d ahead: v t + v^2 / 2a + w (t + v / a) <= d, for the reaction time t of two scans.
+        """
+        if v <= 0.0:
+            return 1.0
+        a, t, w = self.robot.limits.acc_lim_x, 2.0 * self._period, self.parameters.obstacle_speed
+        free = self._free_ahead(seen, pose)
+        b = t + w / a
+        root = b * b - 2.0 * (w * t - free) / a
+        allowed = a * (math.sqrt(root) - b) if root > b * b else 0.0
+        return min(1.0, max(allowed, 0.05) / v)
+
+    def _free_ahead(self, seen: Readings, pose: SE2) -> float:
+        """From the car's front to the nearest surface in the strip that it drives into, a little wider than itself [m]."""
+        rows, cols = np.nonzero(seen.occupied)
+        if len(rows) == 0:
+            return math.inf
+        r = seen.grid.resolution
+        dx, dy = (cols + 0.5 - seen.x) * r, (rows + 0.5 - seen.y) * r
+        c, s = math.cos(pose.theta), math.sin(pose.theta)
+        ahead, aside = c * dx + s * dy, np.abs(c * dy - s * dx)
+        front = float(self.robot.footprint.vertices[:, 0].max())
+        half = float(np.abs(self.robot.footprint.vertices[:, 1]).max()) + self.parameters.padding + 0.5 * r
+        inside = (aside <= half) & (ahead > 0.0)
+        return float(ahead[inside].min()) - front - 0.5 * r if inside.any() else math.inf
+
+    # -- the recording --------------------------------------------------------------------------------------------------
+
+    def _trace(self, pose: SE2, decision: Decision, notes: dict[str, Text]) -> LazyTrace:
+        choice, found, grid = decision.choice, decision.fan, decision.seen.grid
+        assert choice is not None
+        target = self._target
+        here = pose.position
+
+        def arrow(heading: float, color: tuple[int, int, int]) -> Arrows:
+            return Arrows(here[None], 0.6 * np.array([[math.cos(heading), math.sin(heading)]]), color)
+
+        def rays() -> Lines:
+            ends = here + found.lengths[:, None] * np.stack([np.cos(found.headings), np.sin(found.headings)], axis=1)
+            return Lines(tuple(np.stack([here, end]) for end in ends), values=found.totals, radius=0.003)
+
+        shown = {
+            "safe_direction/fan": rays,
+            "safe_direction/safe": lambda: arrow(choice.safe, (0, 158, 115)),
+            "safe_direction/shortest": lambda: arrow(choice.shortest, (0, 114, 178)),
+            "safe_direction/target": lambda: Points((here if target is None else target)[None], color=PLAN_COLOR, radius=0.04),
+            "safe_direction/alpha": lambda: Scalar(0.0 if choice.turn else choice.alpha),
+        }
+        if self._decisions % _PICTURE == 1:
+            r = grid.resolution
+            shown |= {
+                "safe_direction/pessimistic": lambda: Field(
+                    grid.with_data(np.where(decision.clearance > 0.0, decision.clearance * r, np.nan).astype(np.float32))
+                ),
+                "safe_direction/optimistic": lambda: Field(
+                    grid.with_data(np.where(np.isfinite(decision.distance), decision.distance * r, np.nan).astype(np.float32))
+                ),
+            }
+        return LazyTrace(shown | {name: (lambda text=text: text) for name, text in notes.items()})
+
+
+def build(context: Context) -> Reactive:
+    """The paper's navigator: only what is in sight counts."""
+    return _navigator(context, remembers=False)
+
+
+def build_with_memory(context: Context) -> Reactive:
+    """The variant that remembers the surroundings."""
+    return _navigator(context, remembers=True)
+
+
+def _navigator(context: Context, remembers: bool) -> Reactive:
+    parameters, robot = context.parameters_of(Parameters), context.robot
+    sector_of(robot, parameters.view_angle, parameters.max_range)  # before anything is compiled
+    sensors = (robot.lidar,) if robot.lidar is not None else robot.sonars
+    period = max(context.control_period, *(sensor.period for sensor in sensors))
+    pursuit = PurePursuit(robot, period, context.parameters_of(pure_pursuit.Parameters))
+    memory = RollingMemory(parameters.memory_size, parameters.resolution) if remembers else None
+    planner = SafeDirection(robot, period, pursuit, memory, parameters)
+    return Reactive(planner)
