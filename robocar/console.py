@@ -31,7 +31,9 @@ def say(what: str | Table) -> None:
 def show(table: Table, data_follows: bool) -> None:
     """A wide table: on stdout, unless that is kept for data. In a pipe it is as wide as it needs to be."""
     console = Console(stderr=data_follows, highlight=False)
-    console.print(table, width=console.width if console.is_terminal else 240, crop=False, markup=False)
+    if not console.is_terminal:
+        console = Console(stderr=data_follows, highlight=False, width=240)
+    console.print(table)
 
 
 @contextmanager

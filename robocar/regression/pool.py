@@ -17,7 +17,7 @@ from typing import Any, Protocol
 from robocar.core import RobocarError
 from robocar.regression.worker import Job, Outcome, execute, pack, read_log, warm_up
 
-CONNECT_TIMEOUT = 4.0
+CONNECT_TIMEOUT = 3.0
 """How long a scheduler may take to answer [s]."""
 
 

@@ -163,9 +163,9 @@ def _finished(jobs: Sequence[Job], found: Workers) -> Iterator[tuple[Job, Outcom
 def _missing(suite: Suite, folder: Path, resume: bool) -> list[Case]:
     """The cases without a complete run, and room for them: what is damaged or was lost is removed."""
     there = [case for case in suite.cases if (folder / case.name).exists()]
-    if not resume and (there or (folder / SWEEP_FILE).exists()):
+    if not resume and any(folder.glob("*/metrics.json")):
         done = sum(results.is_complete(folder / case.name) for case in there)
-        raise OutputError(f"{folder}: holds a sweep already, {done} of {len(suite.cases)} runs; --resume goes on with the others")
+        raise OutputError(f"{folder}: holds runs already, {done} of these {len(suite.cases)}; --resume goes on with the others")
     scenarios: dict[tuple[str, str], Any] = {}
     complete = set()
     for case in there:

@@ -1,0 +1,75 @@
+"""Navigators that take their worker with them, chosen as `bad_parts:<factory>`. Each leaves a mark in $BAD_PARTS_MARKS."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from robocar.core import STOP, Context
+
+
+class _Standing:
+    """Stands still, and does something at its tenth tick."""
+
+    def __init__(self, act: Any) -> None:
+        self._act, self._tick = act, 0
+
+    def reset(self, rng: np.random.Generator) -> None:
+        self._tick = 0
+
+    def command(self, belief: Any, mapper: Any, observation: Any, goal: Any) -> Any:
+        self._tick += 1
+        if self._tick == 10:
+            self._act()
+        return STOP
+
+
+def _mark(name: str) -> int:
+    """How often this was called before, over all processes."""
+    folder = Path(os.environ["BAD_PARTS_MARKS"])
+    before = len(list(folder.glob(f"{name}.*")))
+    (folder / f"{name}.{os.getpid()}.{time.monotonic_ns()}").touch()
+    return before
+
+
+def _kill() -> None:
+    sys.stderr.write("about to die\n")
+    sys.stderr.flush()
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def dies(context: Context) -> _Standing:
+    """At each try."""
+    return _Standing(lambda: (_mark("dies"), _kill()))
+
+
+def dies_once(context: Context) -> _Standing:
+    return _Standing(lambda: None if _mark("dies_once") else _kill())
+
+
+def hangs(context: Context) -> _Standing:
+    return _Standing(lambda: (_mark("hangs"), time.sleep(3600)))
+
+
+def raises_when_built(context: Context) -> _Standing:
+    _mark("raises_when_built")
+    raise OSError("no licence for this planner")
+
+
+def raises_in_the_loop(context: Context) -> _Standing:
+    def act() -> None:
+        _mark("raises_in_the_loop")
+        raise ZeroDivisionError("no way to divide")
+
+    return _Standing(act)
+
+
+def slow(context: Context) -> _Standing:
+    """A second of wall time, so that somebody can interrupt."""
+    return _Standing(lambda: (_mark("slow"), time.sleep(1.0)))
