@@ -24,6 +24,7 @@ from robocar.formats import Trajectory, save_ros_map, write_tum
 from robocar.localization_metrics import summarize_localization
 from robocar.map_watch import MapWatch, decided, explores, map_metrics
 from robocar.metrics import Metric, RunLog, summarize
+from robocar.mover_metrics import Shape, Track, summarize_movers
 from robocar.navigation import Episode, Progress, Rules, navigate
 from robocar.recording import NullRecorder, Recorder, Scenery
 from robocar.registry import build, find
@@ -202,6 +203,8 @@ def _run(
     if chosen["estimator"] != "truth":
         result.metrics.update(_localization(episode, result))
     result.metrics.update(map_metrics(parts["mapper"], scene, car.robot, result.truth.poses, exploring))
+    if scene.movers:
+        result.metrics.update(_mover_metrics(episode, scene, car, result))
     recorder.close(result.summary())
     if files is not None:
         result = _file(files, result, parts["mapper"])
@@ -340,6 +343,20 @@ def _localization(episode: Episode, result: RunResult) -> dict[str, Metric]:
     return summarize_localization(
         result.truth.times, result.truth.poses, result.estimate.poses, np.array(stated).reshape(-1, 3, 3), carried
     )
+
+
+def _mover_metrics(episode: Episode, scene: Scene, car: Simulation, result: RunResult) -> dict[str, Metric]:
+    truths = [tick.truth for tick in episode.ticks]
+    tracks = {
+        mover.name: Track(
+            Shape(mover.outline(SE2()), mover.radius),
+            np.array([truth.movers[mover.name].as_array() for truth in truths]).reshape(-1, 3),
+            np.array([truth.mover_velocities[mover.name] for truth in truths]).reshape(-1, 3),
+        )
+        for mover in scene.movers
+    }
+    twists = [(truth.twist.v, truth.twist.omega) for truth in truths]
+    return summarize_movers(car.robot.footprint, result.truth.poses, twists, tracks)
 
 
 def _file(files: RunDirectory, result: RunResult, mapper: Mapper) -> RunResult:

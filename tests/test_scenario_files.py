@@ -73,6 +73,12 @@ class TestBadFields:
             ({"movers": [CART | {"box": [1, 1, 1]}]}, "movers.0: give either box"),
             ({"movers": [CART | {"speed": -0.1}]}, "movers.0.speed: .*-0.1"),
             ({"movers": [CART | {"waypoints": []}]}, "movers.0.waypoints"),
+            ({"movers": [CART | {"motion": "stop-and-go"}]}, "movers.0.motion: .*stop-turn-go.*, not 'stop-and-go'"),
+            ({"movers": [CART | {"pause": 2.0}]}, "movers.0: pause is of no use to motion constant, only to stop-turn-go or"),
+            ({"movers": [CART | {"motion": "stop-turn-go", "roam": 2.0}]}, "roam is of no use to motion stop-turn-go"),
+            ({"movers": [CART | {"motion": "random-walk"}]}, "movers.0: a random-walk takes one way point, its start, not 2"),
+            ({"movers": [CART | {"motion": "stop-turn-go", "speed": 0}]}, "movers.0: speed 0 leads nowhere"),
+            ({"movers": [CART | {"motion": "stop-turn-go", "turn_speed": 0}]}, "movers.0.turn_speed: .*not 0"),
             ({"success_radius": 0.05}, r"success_radius \(0.05\) must not be smaller than xy_goal_tolerance"),
         ],
     )
@@ -189,6 +195,22 @@ class TestMovers:
         post = [{"cylinder": [0.1, 0.3], "pose": [4.5, 0.8, 0]}]
         with pytest.raises(ScenarioError, match="mover 'cart' hits"):
             scene_of(movers=[CART], unknown_obstacles=post)
+
+    def test_one_that_turns_needs_room_to_turn(self) -> None:
+        """A box of 1.2 x 0.2 m beside the western wall at x = 0.1: up and down it fits at x = 0.25, turning about it does not."""
+        box = {"name": "cart", "box": [1.2, 0.2, 0.3], "heading": math.pi / 2, "waypoints": [[0.25, 1.0], [0.25, 2.0]]}
+        (mover,) = scene_of(start=[3.0, 0.8, 0], movers=[box]).movers
+        assert mover.start.theta == math.pi / 2
+        with pytest.raises(ScenarioError, match=r"mover 'cart' hits .* between \(0.25, 2\) and \(0.25, 2\)"):
+            scene_of(start=[3.0, 0.8, 0], movers=[box | {"motion": "stop-turn-go"}])
+        walk = {"motion": "random-walk", "waypoints": [[0.25, 1.0]]}
+        with pytest.raises(ScenarioError, match=r"mover 'cart' hits .* between \(0.25, 1\) and \(0.25, 1\)"):
+            scene_of(start=[3.0, 0.8, 0], movers=[box | walk])
+
+    def test_one_that_turns_looks_towards_its_second_way_point(self) -> None:
+        (mover,) = scene_of(movers=[CART | {"motion": "stop-turn-go", "waypoints": [[2, 1], [1, 1]]}]).movers
+        assert mover.start.theta == math.pi
+        assert (mover.pause, mover.turn_speed) == (1.0, 1.0)
 
     def test_where_the_car_starts(self) -> None:
         with pytest.raises(ScenarioError, match=r"mover 'cart' stands at \(0.9, 3\), where the car starts"):

@@ -56,7 +56,7 @@ class Mover:
         motion: "constant": at constant speed round the way points, without turning; "stop-turn-go": stands at each of them for
             `pause`, turns towards the next one, goes; "random-walk": the same to points that are drawn from the disc of radius
             `roam` around its start, each with a free straight way to it (random waypoint model: Johnson and Maltz, Dynamic
-            Source Routing in Ad Hoc Wireless Networks, 1996, section 5.1).
+            Source Routing in Ad Hoc Wireless Networks, 1996).
         pause: [s].
         turn_speed: [rad/s].
         roam: [m].
