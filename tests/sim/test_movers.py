@@ -163,7 +163,7 @@ def test_it_stops_turns_and_goes() -> None:
     turning = np.abs(np.diff(heading)) / 0.01 > 0.5  # the last 0.02 rad it turns on the way
     assert speed[turning].max() < 0.02
     for leg, angle in (
-        ((5.1, 5.9, 4.9, 5.1), 0.0),
+        ((5.1, 5.9, 4.95, 5.05), 0.0),
         ((5.9, 6.1, 5.1, 5.9), math.pi / 2),
         ((5.1, 5.9, 5.1, 5.9), -3 * math.pi / 4),
     ):
