@@ -164,7 +164,7 @@ def test_it_stops_turns_and_goes() -> None:
     assert speed[turning].max() < 0.02
     for leg, angle in (
         ((5.1, 5.9, 4.95, 5.05), 0.0),
-        ((5.9, 6.1, 5.1, 5.9), math.pi / 2),
+        ((5.95, 6.05, 5.1, 5.9), math.pi / 2),
         ((5.1, 5.9, 5.1, 5.9), -3 * math.pi / 4),
     ):
         x0, x1, y0, y1 = leg
