@@ -123,8 +123,16 @@ NAVIGATORS: dict[str, Entry] = {
             "planners.navigator:Parameters",
         ),
     ),
+    "rrt-dwa": _avoid("rrt", "dwa", "random tree on the map; Dynamic Window Approach", "Izaty and Lubis, JITET"),
+    "rrt-pursuit": _follow("rrt", "random tree on the map, followed by pure pursuit", "Izaty and Lubis, JITET"),
     "a-star-dwa": _avoid("a_star", "dwa", "shortest grid path; Dynamic Window Approach", "Fox, Burgard and Thrun 1997"),
     "theta-star-dwa": _avoid("theta_star", "dwa", "any-angle path; Dynamic Window Approach", "Fox, Burgard and Thrun 1997"),
+    "ocpb": _bug(
+        "ocpb",
+        "critical points for a robot with dimension, among stationary and moving obstacles",
+        "Das, Dutta and Debnath, IJEECS 18(3), 2020",
+        "planners.ocpb:Parameters",
+    ),
     **{name: _bug(*about) for name, about in _BUGS.items()},
     "safe-direction": Entry(
         "planners.safe_direction:build",
