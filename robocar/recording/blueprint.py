@@ -16,12 +16,12 @@ SIGNALS = ("speed", "turn_rate", "error", "clearance", "voltage", "planning_time
 _PATHS = ("world/truth/path", "world/odometry/path", "world/estimate/path")
 
 
-def _everything_until_now() -> rrb.VisibleTimeRanges:
+def everything_until_now(timelines: tuple[str, ...] = ("sim_time", "tick")) -> rrb.VisibleTimeRanges:
     """Paths are stored piece by piece: all pieces up to the time cursor are the path."""
     return rrb.VisibleTimeRanges(
         [
             rrb.VisibleTimeRange(timeline, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative())
-            for timeline in ("sim_time", "tick")
+            for timeline in timelines
         ]
     )
 
@@ -52,7 +52,7 @@ def blueprint(scenery: Scenery) -> rrb.Blueprint:
         look_target=target,
         eye_up=[0.0, 0.0, 1.0],
     )
-    growing: dict[Any, Any] = {path: _everything_until_now() for path in _PATHS}
+    growing: dict[Any, Any] = {path: everything_until_now() for path in _PATHS}
     flat = ["+ /world/**", "- /world/map/truth/walls", "- /world/robot/camera/**", "- /world/top_camera/**"]
     top = rrb.Spatial3DView(
         origin="world",
