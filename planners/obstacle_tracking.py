@@ -1,0 +1,470 @@
+"""Which obstacles move, where to and how fast, and whether the robot will meet them.
+
+Das, Dutta and Debnath, Operative Critical Point Bug, IJEECS 18(3), 2020, section 2.3 (OBSTACLE_DETECTION) and eq. 7-10.
+
+What the paper leaves open, and how it is decided here:
+
+* *Small change* of an obstacle's open points is no sign of motion by itself: as the robot drives, other parts of a standing
+  obstacle come into sight. An obstacle is provisionally dynamic if, in addition, part of it now stands where an earlier scan saw
+  through, and definitely so if that is seen again.
+* Only obstacles whose both ends are open points and that are at most `max_obstacle_width` wide are followed: walls do not move.
+* Eq. 7 over two scans of noisy ends is too rough: the velocity is the slope of a straight line through the last second of
+  positions (the middle between the ends).
+* An obstacle that turns (assumption A6: it stops, turns, goes on) leaves this line: the older positions are forgotten. One that
+  stops becomes stationary when its speed has fallen.
+* Eq. 9 and 10 with bodies that have dimensions: the robot's virtual circle and the obstacle's circle meet if they overlap at any
+  time while the robot turns, drives and stands at the end of its way. For paths that cross this is |RTC - OTC| within the time
+  that both need to clear the collision point; it holds for parallel paths too, which have no such point.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field, replace
+from enum import Enum
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from planners.open_points import Panorama
+from robocar.core import Array, frozen_array
+
+_SEEN_THROUGH = 0.08  # [m] an earlier beam went at least this much farther than what stands there now
+_NEWLY_TAKEN = 0.3  # share of an obstacle's points that stand where it was free
+_FIRST_LOOK_BACK, _LOOK_BACK = 0.35, 0.95  # [s] to the scans that are compared
+_WINDOW = 1.05  # [s] of positions that give the velocity
+_OFF_LINE = 0.12  # [m] from where it was expected: it has turned or stopped
+_GATE = 0.35  # [m] an obstacle is looked for this near to where it is expected
+_COAST = 1.5  # [s] an obstacle that is out of sight is still expected to go on
+_SLOW = 0.04  # [m/s] is no motion
+_TOO_FAST = 1.5  # [m/s] nothing here is
+_FORGET = 3.0  # [s] out of sight
+
+
+class Kind(Enum):
+    """The paper's sets."""
+
+    PROVISIONAL = "Tobs"
+    STATIONARY = "Sobs"
+    PROVISIONALLY_DYNAMIC = "TDobs"
+    DYNAMIC = "Dobs"
+
+
+@dataclass(slots=True)
+class Tracked:
+    """An obstacle that is followed over the scans.
+
+    Args:
+        position: the middle between its ends at `time`, (2,) [m].
+        velocity: (2,) [m/s], zero unless it is dynamic.
+        radius: of the circle around what was seen of it [m].
+        ends: its two open points, (2, 2) [m].
+        points: indices of its beams in the last panorama that showed it.
+    """
+
+    number: int
+    time: float
+    position: Array
+    radius: float
+    ends: Array
+    points: NDArray[np.int64]
+    kind: Kind = Kind.PROVISIONAL
+    velocity: Array = field(default_factory=lambda: np.zeros(2))
+    history: deque[tuple[float, float, float]] = field(default_factory=lambda: deque(maxlen=32))
+    evidence: int = 0
+    first_seen: float = 0.0
+
+    @property
+    def speed(self) -> float:
+        """[m/s]"""
+        return math.hypot(*self.velocity)
+
+    def at(self, time: float) -> Array:
+        """Where it is expected, (2,) [m]."""
+        return self.position + (time - self.time) * self.velocity
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Collision:
+    """The robot and an obstacle will meet.
+
+    Args:
+        obstacle: which one.
+        point: P_C, where the robot's circle will be when they touch first, (2,) [m].
+        robot_time, obstacle_time: RTC and OTC, until each is there (eq. 9, 10) [s].
+        first, last: from when to when they overlap [s], from now on.
+        start, end: where the obstacle is at these times, (2,) [m]: between them it is the virtual obstacle.
+    """
+
+    obstacle: Tracked
+    point: Array
+    robot_time: float
+    obstacle_time: float
+    first: float
+    last: float
+    start: Array
+    end: Array
+
+
+class Obstacles:
+    """Follows the obstacles around the robot: the paper's Tobs, Sobs, TDobs and Dobs.
+
+    Args:
+        max_obstacle_width: between the two ends; wider ones are taken for walls [m].
+        max_distance: farther obstacles are not followed [m].
+    """
+
+    def __init__(self, max_obstacle_width: float, max_distance: float) -> None:
+        self._max_width, self._max_distance = max_obstacle_width, max_distance
+        self.forget()
+
+    def forget(self) -> None:
+        """A new episode."""
+        self.tracked: list[Tracked] = []
+        self._past: deque[Panorama] = deque(maxlen=16)
+        self._count = 0
+
+    def of(self, kind: Kind) -> list[Tracked]:
+        """The obstacles of one set."""
+        return [obstacle for obstacle in self.tracked if obstacle.kind is kind]
+
+    @property
+    def dynamic(self) -> list[Tracked]:
+        """Dobs, those that move."""
+        return self.of(Kind.DYNAMIC)
+
+    def update(self, panorama: Panorama) -> None:
+        """Takes a scan in."""
+        if not panorama.thin:
+            return  # a sonar's cone does not show where an obstacle ends
+        now = panorama.time
+        clusters, beams = _clusters(
+            panorama.bearings, panorama.ranges, panorama.spacing, self._max_width, self._max_distance, *panorama.origin
+        )
+        free = np.ones(len(clusters), dtype=bool)
+        for obstacle in self.tracked:
+            expected = obstacle.at(now)
+            gate = _GATE + 0.5 * obstacle.radius
+            best, nearest = -1, gate
+            for k in range(len(clusters)):
+                if free[k]:
+                    distance = math.hypot(clusters[k, 0] - expected[0], clusters[k, 1] - expected[1])
+                    if distance < nearest:
+                        best, nearest = k, distance
+            if best >= 0:
+                free[best] = False
+                self._follow(obstacle, panorama, clusters[best], beams, nearest)
+        for k in np.flatnonzero(free):
+            self._count += 1
+            x, y, radius, *ends, start, stop = clusters[k]
+            self.tracked.append(
+                Tracked(
+                    self._count,
+                    now,
+                    np.array([x, y]),
+                    radius,
+                    np.array(ends).reshape(2, 2),
+                    beams[int(start) : int(stop)],
+                    history=deque([(now, x, y)], maxlen=32),
+                    first_seen=now,
+                )
+            )
+        self.tracked = [o for o in self.tracked if now - o.history[-1][0] < (_COAST if o.kind is Kind.DYNAMIC else _FORGET)]
+        self._past.append(panorama)
+
+    def _follow(self, obstacle: Tracked, panorama: Panorama, cluster: Array, beams: NDArray[np.int64], off: float) -> None:
+        """One more position of an obstacle, and what follows for its velocity and its set."""
+        now = panorama.time
+        x, y, radius, *ends, start, stop = (float(value) for value in cluster)
+        history = obstacle.history
+        if obstacle.kind is Kind.DYNAMIC and off > _OFF_LINE + 0.5 * max(0.0, radius - obstacle.radius):
+            while len(history) > 2:
+                history.popleft()
+        history.append((now, x, y))
+        while now - history[0][0] > _WINDOW and len(history) > 3:
+            history.popleft()
+        obstacle.radius = max(radius, 0.98 * obstacle.radius) if abs(radius - obstacle.radius) < 0.2 else radius
+        obstacle.points = beams[int(start) : int(stop)]
+        obstacle.ends = np.array(ends).reshape(2, 2)
+        px, py, vx, vy = _line(np.array(history))
+        speed = math.hypot(vx, vy)
+        span = now - history[0][0]
+        taken = self._newly_taken(panorama, obstacle.points) if span >= 0.25 else 0.0
+        moving = taken >= _NEWLY_TAKEN and _SLOW < speed < _TOO_FAST
+        obstacle.evidence = min(obstacle.evidence + 1, 8) if moving else max(obstacle.evidence - 1, 0)
+        if obstacle.kind is Kind.DYNAMIC:
+            if obstacle.evidence == 0 or speed < 0.5 * _SLOW:
+                obstacle.kind = Kind.STATIONARY
+        elif obstacle.evidence >= 2:
+            obstacle.kind = Kind.DYNAMIC
+        elif obstacle.evidence == 1:
+            obstacle.kind = Kind.PROVISIONALLY_DYNAMIC
+        elif now - obstacle.first_seen >= _LOOK_BACK:
+            obstacle.kind = Kind.STATIONARY
+        if obstacle.kind is Kind.DYNAMIC:
+            obstacle.position, obstacle.velocity = np.array([px, py]), np.array([vx, vy])
+        else:
+            obstacle.position, obstacle.velocity = np.array([x, y]), np.zeros(2)
+        obstacle.time = now
+
+    def _newly_taken(self, panorama: Panorama, beams: NDArray[np.int64]) -> float:
+        """Share of an obstacle's points that stand where an earlier scan saw through; the larger of two scans', one a third of a
+        second old, one a second."""
+        bearings, ranges = panorama.bearings[beams], panorama.ranges[beams]
+        points = np.empty((len(beams), 2))
+        points[:, 0] = panorama.origin[0] + ranges * np.cos(bearings)
+        points[:, 1] = panorama.origin[1] + ranges * np.sin(bearings)
+        share = 0.0
+        for age in (_FIRST_LOOK_BACK, _LOOK_BACK):
+            earlier = next((p for p in reversed(self._past) if panorama.time - p.time >= age), None)
+            if earlier is not None and len(earlier.ranges) > 2:
+                share = max(share, _seen_through(points, earlier.origin, earlier.bearings, earlier.ranges, _SEEN_THROUGH))
+        return share
+
+
+def predict(
+    obstacles: list[Tracked],
+    now: float,
+    start: Array,
+    heading: float,
+    length: float,
+    speed: float,
+    delay: float,
+    stay: float,
+    radius: float,
+    horizon: float,
+) -> Collision | None:
+    """The first collision with one of the obstacles, if the robot's circle drives straight (eq. 7-10); None if there is none.
+
+    Args:
+        start: centre of the robot's circle, (2,) [m]; heading [rad] and length [m] of its way; speed [m/s].
+        delay: until it drives [s]; stay: that it stands at the end [s].
+        radius: of the robot's circle, with what is to be kept free around it [m].
+        horizon: how far ahead it looks [s].
+    """
+    first: Collision | None = None
+    for obstacle in obstacles:
+        x, y = obstacle.at(now)
+        vx, vy = obstacle.velocity
+        reach = radius + obstacle.radius
+        begin, end = _overlap(
+            x - start[0], y - start[1], vx, vy, math.cos(heading), math.sin(heading), length, speed, delay, stay, reach, horizon
+        )
+        if math.isfinite(begin) and (first is None or begin < first.first):
+            gone = min(max(begin - delay, 0.0) * speed, length)
+            point = np.array([start[0] + gone * math.cos(heading), start[1] + gone * math.sin(heading)])
+            v = obstacle.speed
+            first = Collision(
+                obstacle,
+                frozen_array(point),
+                gone / speed,
+                math.hypot(x - point[0], y - point[1]) / v if v > 0 else 0.0,
+                begin,
+                end,
+                frozen_array([x + begin * vx, y + begin * vy]),
+                frozen_array([x + end * vx, y + end * vy]),
+            )
+    return first
+
+
+def crossing(start: Array, heading: float, obstacle: Array, velocity: Array) -> Array | None:
+    """P_C of the paper: where the lines of robot and obstacle cross, ahead of both, (2,) [m]; None where they do not."""
+    c, s = math.cos(heading), math.sin(heading)
+    det = c * velocity[1] - s * velocity[0]
+    if abs(det) < 1e-9:
+        return None
+    dx, dy = obstacle[0] - start[0], obstacle[1] - start[1]
+    gone = (dx * velocity[1] - dy * velocity[0]) / det
+    other = (dx * s - dy * c) / det
+    return np.array([start[0] + gone * c, start[1] + gone * s]) if gone >= 0.0 and other >= 0.0 else None
+
+
+def standing_world(panorama: Panorama, moving: list[Tracked], margin: float) -> Panorama:
+    """The panorama without the obstacles that move: beams that end within `margin` [m] of one are lost ones."""
+    if not moving:
+        return panorama
+    hits = panorama.origin + panorama.ranges[:, None] * np.stack([np.cos(panorama.bearings), np.sin(panorama.bearings)], axis=1)
+    ranges = np.array(panorama.ranges)
+    for obstacle in moving:
+        where = obstacle.at(panorama.time)
+        with np.errstate(invalid="ignore"):
+            ranges[np.hypot(hits[:, 0] - where[0], hits[:, 1] - where[1]) < obstacle.radius + margin] = np.nan
+    return replace(panorama, ranges=frozen_array(ranges))
+
+
+def with_virtual(panorama: Panorama, collisions: list[Collision]) -> Panorama:
+    """The panorama with a virtual obstacle at each collision point: what the obstacle sweeps while the two would overlap."""
+    ranges = np.array(panorama.ranges)
+    for c in collisions:
+        _cast_capsule(ranges, panorama.origin, panorama.bearings, c.start, c.end, c.obstacle.radius)
+    return replace(panorama, ranges=frozen_array(ranges))
+
+
+@njit(cache=True)
+def _clusters(
+    bearings: Array, ranges: Array, spacing: float, max_width: float, max_distance: float, x0: float, y0: float
+) -> tuple[Array, NDArray[np.int64]]:
+    """Obstacles with two ends in sight, (k, 9): x, y, radius, the two ends, and where its beams start and stop in the second
+    array."""
+    n = len(ranges)
+    out, beams = np.empty((n, 9)), np.empty(2 * n, dtype=np.int64)
+    count = used = 0
+    order = np.empty(n, dtype=np.int64)  # beams with an answer
+    m = 0
+    for i in range(n):
+        if not math.isnan(ranges[i]):
+            order[m] = i
+            m += 1
+    first = -1  # a beam before which the surface breaks
+    for k in range(m):
+        if _breaks(bearings, ranges, order[(k + m - 1) % m], order[k], spacing):
+            first = k
+            break
+    if first < 0:
+        return out[:0], beams[:0]
+    k = 0
+    while k < m:
+        a = k
+        i = order[(first + a) % m]
+        k += 1
+        while k < m and not _breaks(bearings, ranges, order[(first + k - 1) % m], order[(first + k) % m], spacing):
+            k += 1
+        b = k - 1
+        j = order[(first + b) % m]
+        before, after = order[(first + a - 1) % m], order[(first + b + 1) % m]
+        if b - a < 1 or ranges[i] > max_distance or ranges[j] > max_distance:
+            continue
+        if not (ranges[before] > ranges[i] and ranges[after] > ranges[j]):
+            continue  # something in front hides an end
+        ax, ay = x0 + ranges[i] * math.cos(bearings[i]), y0 + ranges[i] * math.sin(bearings[i])
+        bx, by = x0 + ranges[j] * math.cos(bearings[j]), y0 + ranges[j] * math.sin(bearings[j])
+        if math.hypot(bx - ax, by - ay) > max_width:
+            continue
+        cx, cy = 0.5 * (ax + bx), 0.5 * (ay + by)
+        radius, start = 0.0, used
+        for q in range(a, b + 1):
+            p = order[(first + q) % m]
+            px, py = x0 + ranges[p] * math.cos(bearings[p]), y0 + ranges[p] * math.sin(bearings[p])
+            radius = max(radius, math.hypot(px - cx, py - cy))
+            beams[used] = p
+            used += 1
+        if radius > max_width:
+            used = start
+            continue
+        radius += 0.5 * spacing * min(ranges[i], ranges[j])
+        out[count, 0], out[count, 1], out[count, 2] = cx, cy, radius
+        out[count, 3], out[count, 4], out[count, 5], out[count, 6] = ax, ay, bx, by
+        out[count, 7], out[count, 8] = start, used
+        count += 1
+    return out[:count], beams[:used]
+
+
+@njit(cache=True)
+def _breaks(bearings: Array, ranges: Array, i: int, j: int, spacing: float) -> bool:
+    """Whether two neighbouring beams do not end on one surface."""
+    a, b = ranges[i], ranges[j]
+    if a == math.inf or b == math.inf:
+        return True
+    between = (bearings[j] - bearings[i]) % (2.0 * math.pi)
+    if between > 3.5 * spacing:
+        return True
+    squared = a * a + b * b - 2.0 * a * b * math.cos(between)
+    return squared > (0.12 + 2.0 * spacing * min(a, b)) ** 2
+
+
+@njit(cache=True)
+def _seen_through(points: Array, origin: Array, bearings: Array, ranges: Array, margin: float) -> float:
+    """Share of points that lie at least `margin` nearer than what three neighbouring beams of another scan hit."""
+    n, through = len(ranges), 0
+    for k in range(len(points)):
+        dx, dy = points[k, 0] - origin[0], points[k, 1] - origin[1]
+        bearing = (math.atan2(dy, dx) - bearings[0]) % (2.0 * math.pi)
+        low, high = 0, n  # the first beam beyond this bearing
+        while low < high:
+            mid = (low + high) // 2
+            if bearings[mid] - bearings[0] < bearing:
+                low = mid + 1
+            else:
+                high = mid
+        nearest = math.inf
+        for q in range(low - 2, low + 2):
+            r = ranges[q % n]
+            if not math.isnan(r):
+                nearest = min(nearest, r)
+        through += math.hypot(dx, dy) + margin < nearest
+    return through / max(len(points), 1)
+
+
+@njit(cache=True)
+def _line(history: Array) -> tuple[float, float, float, float]:
+    """Position at the last time and velocity of the straight line through (t, x, y), (n, 3), by least squares."""
+    n = len(history)
+    t0 = history[n - 1, 0]
+    st = stt = sx = sy = sxt = syt = 0.0
+    for k in range(n):
+        t = history[k, 0] - t0
+        st, stt = st + t, stt + t * t
+        sx, sy = sx + history[k, 1], sy + history[k, 2]
+        sxt, syt = sxt + t * history[k, 1], syt + t * history[k, 2]
+    det = n * stt - st * st
+    if det < 1e-9:
+        return history[n - 1, 1], history[n - 1, 2], 0.0, 0.0
+    vx, vy = (n * sxt - st * sx) / det, (n * syt - st * sy) / det
+    return (sx - vx * st) / n, (sy - vy * st) / n, vx, vy
+
+
+@njit(cache=True)
+def _overlap(
+    x: float, y: float, vx: float, vy: float, c: float, s: float, length: float, v: float, delay: float, stay: float,
+    reach: float, horizon: float,
+) -> tuple[float, float]:  # fmt: skip
+    """From when to when an obstacle at (x, y) relative to the robot's circle is nearer than `reach`, while the robot stands for
+    `delay`, drives `length` along (c, s) at `v` and stands for `stay`; inf where it never is.
+
+    Approaching counts only: an overlap that is there now and opens is none.
+    """
+    first, last = math.inf, -math.inf
+    times = (0.0, delay, delay + length / v, delay + length / v + stay)
+    for phase in range(3):
+        t0, t1 = times[phase], min(times[phase + 1], horizon)
+        if t1 <= t0:
+            continue
+        speed = v if phase == 1 else 0.0
+        gone = length if phase == 2 else 0.0
+        px, py = x + vx * t0 - gone * c, y + vy * t0 - gone * s
+        wx, wy = vx - speed * c, vy - speed * s
+        a, b, d = wx * wx + wy * wy, px * wx + py * wy, px * px + py * py - reach * reach
+        if a < 1e-12:
+            if d < 0.0 and phase != 0:
+                first, last = min(first, t0), max(last, t1)
+            continue
+        root = b * b - a * d
+        if root <= 0.0:
+            continue
+        root = math.sqrt(root)
+        enter, leave = t0 + (-b - root) / a, t0 + (-b + root) / a
+        if leave <= t0 or enter >= t1 or (d < 0.0 and b >= 0.0):
+            continue
+        first, last = min(first, max(enter, t0)), max(last, min(leave, t1))
+    return first, last
+
+
+@njit(cache=True)
+def _cast_capsule(ranges: Array, origin: Array, bearings: Array, a: Array, b: Array, radius: float) -> None:
+    """Shortens the ranges to where the beams meet what a circle sweeps from a to b; from inside it, none."""
+    steps = max(1, math.ceil(math.hypot(b[0] - a[0], b[1] - a[1]) / (0.3 * max(radius, 0.02))))
+    steps = min(steps, 200)
+    for k in range(steps + 1):
+        dx = a[0] + (b[0] - a[0]) * k / steps - origin[0]
+        dy = a[1] + (b[1] - a[1]) * k / steps - origin[1]
+        if dx * dx + dy * dy <= radius * radius:
+            continue
+        for i in range(len(ranges)):
+            c, s = math.cos(bearings[i]), math.sin(bearings[i])
+            along, across = c * dx + s * dy, c * dy - s * dx
+            if along > 0.0 and abs(across) < radius:
+                hit = along - math.sqrt(radius * radius - across * across)
+                if not ranges[i] <= hit:  # nan too
+                    ranges[i] = hit

@@ -1,0 +1,470 @@
+"""Operative Critical Point Bug: a robot with dimension among stationary and moving obstacles.
+
+Das, Dutta and Debnath, IJEECS 18(3), 2020, pp. 1646-1656: section 2.3, MAIN, OBSTACLE_DETECTION and SAFE_POINT. It knows its own
+coordinates, those of its goal, and what a range sensor shows all round.
+
+What the paper leaves open, and how it is decided here:
+
+* An obstacle is *in direction* if the virtual circle, less half the safety constant (the noise), would touch it anywhere on the
+  straight way to the goal that is in sight.
+* Decisions are made standing, from the median of a few scans (the time spent on detecting, section 3.2), and checked at every
+  scan on the way: where a way turns out blocked or a gap too narrow, the robot stops and decides anew.
+* SAFE_POINT asks all pairs of surface points on either side of the way, not open points alone (`bug_motion.narrow_gap`), and that
+  the circle fits at its end.
+* *The same set* of open points, from which sub-goals are not calculated twice: an open point at the same place whose free side
+  looks the same way.
+* D keeps the safe sub-goals that were seen and not visited. Where none of those in sight is left, the robot goes back along the
+  points in T to where it saw the best that remains. Where there is none, it is `stuck`.
+* Moving obstacles are not open points themselves; their virtual obstacles are. No way is taken on which a collision is predicted.
+  Where no sub-goal is safe the robot waits if nothing comes towards it, else it gets out of the way, whatever the direction.
+* Slip: the heading is corrected on the way.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+
+from planners.bug_motion import ARRIVED, Move, Stand, To, View, build_bug, narrow_gap
+from planners.bug_motion import Parameters as BugParameters
+from planners.navigator import Reactive
+from planners.obstacle_tracking import Collision, Kind, Obstacles, predict, standing_world, with_virtual
+from planners.open_points import Lookout, OpenPoint, Panorama, find_open_points
+from robocar.core import Array, Arrows, Context, GiveUp, Lines, Points, Text, wrap_angle
+from robocar.core.trace import PLAN_COLOR, Drawable
+
+_SAME = 0.12  # [m] open points nearer to each other, and places, are one
+_SAME_SIDE = math.cos(math.radians(50.0))  # ... whose free sides look the same way
+_TURN_DELAY = 0.3  # [s] to brake, look up and start
+_EVADE = (0.3, 0.5, 0.8, 1.2)  # [m]
+_FLAGS = 2  # scans in a row that have to say that a way is blocked
+_TRIES = 4  # a way that was called free and turned out blocked this often is blocked
+
+
+@dataclass(frozen=True, slots=True)
+class Parameters:
+    """
+    Args:
+        max_obstacle_width: wider obstacles are taken for walls and not followed [m].
+        tracking_distance: farther obstacles are not followed [m].
+        collision_margin: kept free between the robot's body and a moving obstacle, for errors of the prediction [m].
+        prediction_horizon: collisions later than this are not looked for yet [s].
+        max_iterations: decisions after which it gives up.
+    """
+
+    max_obstacle_width: float = 1.0
+    tracking_distance: float = 5.5
+    collision_margin: float = 0.12
+    prediction_horizon: float = 6.0
+    max_iterations: int = 1000
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            value = getattr(self, name)
+            if not (math.isfinite(value) and (value > 0 or (name == "collision_margin" and value == 0))):
+                raise ValueError(f"{name} must be positive, not {value}")
+
+
+@dataclass(slots=True, eq=False)
+class SubGoal:
+    """An entry of SG, and with its distance of D.
+
+    Args:
+        point: (2,) [m]; distance: to the goal [m]; open_point: that it belongs to.
+        place: from where it was seen, an index into T.
+        open: neither visited nor refused.
+    """
+
+    point: Array
+    distance: float
+    open_point: OpenPoint
+    place: int
+    open: bool = True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """An entry of T: a point that the robot has been to, and the one that it came from."""
+
+    point: Array
+    parent: int
+
+
+class LegKind(Enum):
+    """Why the robot drives."""
+
+    GOAL = "to the goal"
+    CRITICAL = "to the critical point"
+    BACK = "back"
+    EVADE = "out of the way"
+
+
+@dataclass(slots=True, eq=False)
+class Leg:
+    """A straight way: turn, then drive."""
+
+    kind: LegKind
+    target: Array
+    subgoal: SubGoal | None = None
+    flags: int = 0
+
+
+class OperativeCriticalPointBug:
+    """The strategy.
+
+    Args:
+        parameters: its own; bug: those that all bugs share.
+    """
+
+    def __init__(self, parameters: Parameters, bug: BugParameters) -> None:
+        self.parameters = parameters
+        self.obstacles = Obstacles(parameters.max_obstacle_width, parameters.tracking_distance)
+        self._lookout = Lookout(bug.looks)
+        self.reset()
+
+    def reset(self) -> None:
+        """A new episode."""
+        self.obstacles.forget()
+        self._lookout.start()
+        self.places: list[Place] = []  # T
+        self.subgoals: list[SubGoal] = []  # SG and D
+        self.open_points: list[OpenPoint] = []  # OP of the last decision
+        self.collisions: list[Collision] = []
+        self.leg: Leg | None = None
+        self._at = -1  # the last place
+        self._route: list[int] = []  # places on the way back, the next one last
+        self._wanted: SubGoal | None = None  # what it goes back for
+        self._surprises = 0  # goal ways that turned out blocked since the last progress
+        self._closest = math.inf
+        self.decisions = 0
+        self._news: list[str] = []
+
+    # -- MAIN ----------------------------------------------------------------------------------------------------------
+
+    def step(self, view: View) -> Move:
+        """While not at the goal: detect obstacles; drive on, or look and decide."""
+        if view.fresh:
+            self.obstacles.update(view.panorama)
+        seen = self._standing(view, view.panorama)
+        if self.leg is not None and self._goes_on(self.leg, seen):
+            return To(self.leg.target)
+        if self.leg is not None:
+            self._lookout.start()
+            self.leg = None
+        if not view.fresh:
+            return Stand()
+        panorama = self._lookout.look(view.panorama)
+        if panorama is None and self._threat(seen) is None:
+            return Stand()
+        if panorama is not None:
+            seen = self._standing(view, panorama)
+        self.decisions += 1
+        if self.decisions > self.parameters.max_iterations:
+            return GiveUp(f"not there after {self.parameters.max_iterations} decisions", "stuck")
+        return self._decide(seen)
+
+    def _decide(self, view: View) -> Move:
+        """Lines 6 to 29 of MAIN."""
+        self._remember_place(view)
+        self.collisions = []
+        if self._goal_way_is_free(view) and self._is_safe(view, view.goal.position, LegKind.GOAL):
+            self._wanted, self._route = None, []
+            return self._go(Leg(LegKind.GOAL, view.goal.position))
+        critical = self._critical_point(view)
+        if critical is not None:
+            return self._go(critical)
+        if self._threat(view) is not None:
+            return self._evade(view)
+        if self.collisions:
+            self._news.append("waits for a moving obstacle")
+            return Stand()
+        back = self._back(view)
+        if back is not None:
+            return self._go(back)
+        if any(subgoal.open for subgoal in self.subgoals) or self.obstacles.dynamic:
+            return Stand()
+        return GiveUp("every sub-goal that is safe has been visited, and none led to the goal", "stuck")
+
+    def _go(self, leg: Leg) -> Move:
+        self.leg = leg
+        self._news.append(leg.kind.value)
+        return To(leg.target)
+
+    # -- open points and sub-goals -------------------------------------------------------------------------------------
+
+    def _critical_point(self, view: View) -> Leg | None:
+        """The safe sub-goal in sight that is nearest to the goal and has not been visited (lines 7 to 18)."""
+        if self._wanted is not None:
+            return self._towards_wanted(view)
+        panorama = with_virtual(view.panorama, self.collisions) if self.collisions else view.panorama
+        p = view.parameters
+        self.open_points = find_open_points(panorama, p.range_jump, p.range_std)
+        candidates: list[tuple[float, Array, SubGoal | None]] = []
+        for point in self.open_points:
+            known = None if self._is_virtual(point) else self._known(point, view)
+            target = known.point if known is not None else point.subgoal(view.circle.radius)
+            if known is None or known.open:
+                candidates.append((math.dist(target, view.goal.position), target, known))
+        critical = None
+        for _, target, known in sorted(candidates, key=lambda c: c[0]):
+            if self._visited(target):
+                if known is not None:
+                    known.open = False
+                continue
+            if not self._fits(view, target, 1.0 + p.gap_tolerance):
+                continue  # D takes what is safe from here; from elsewhere it may be
+            if known is not None and known not in self.subgoals:
+                self.subgoals.append(known)
+            if critical is None and self._is_safe(view, target, LegKind.CRITICAL):
+                critical = Leg(LegKind.CRITICAL, target, known)
+        return critical
+
+    def _known(self, point: OpenPoint, view: View) -> SubGoal:
+        """The sub-goal that the same open point has already given, or a new one."""
+        for subgoal in self.subgoals:
+            same = subgoal.open_point
+            if (
+                math.dist(same.position, point.position) < _SAME
+                and float(same.normal @ point.normal) > _SAME_SIDE
+                and same.side == point.side
+            ):
+                if subgoal.open:  # the last look counts
+                    subgoal.point, subgoal.open_point = point.subgoal(view.circle.radius), point
+                    subgoal.place = self._at
+                return subgoal
+        target = point.subgoal(view.circle.radius)
+        return SubGoal(target, math.dist(target, view.goal.position), point, self._at)
+
+    def _is_virtual(self, point: OpenPoint) -> bool:
+        """Whether an open point belongs to a virtual obstacle."""
+        return any(_beside(point.position, c.start, c.end) < c.obstacle.radius + 0.1 for c in self.collisions)
+
+    def _visited(self, target: Array) -> bool:
+        """Whether T holds the point."""
+        return any(math.dist(place.point, target) < _SAME for place in self.places)
+
+    # -- T and the way back --------------------------------------------------------------------------------------------
+
+    def _remember_place(self, view: View) -> None:
+        """Where the robot decides is a point in T."""
+        near = [k for k, place in enumerate(self.places) if math.dist(place.point, view.centre) < _SAME]
+        if near:
+            self._at = min(near, key=lambda k: math.dist(self.places[k].point, view.centre))
+        else:
+            self.places.append(Place(view.centre, self._at))
+            self._at = len(self.places) - 1
+        if view.goal_distance < self._closest - _SAME:
+            self._closest, self._surprises = view.goal_distance, 0
+
+    def _back(self, view: View) -> Leg | None:
+        """To the place from where the best sub-goal of D was seen, over points that it has been to."""
+        left = [subgoal for subgoal in self.subgoals if subgoal.open]
+        while left:
+            best = min(left, key=lambda subgoal: subgoal.distance)
+            if best.place == self._at or self._visited(best.point):
+                best.open = False  # not to be reached from where it was seen
+                left.remove(best)
+                continue
+            self._wanted = best
+            self._route = self._way(self._at, best.place)
+            return Leg(LegKind.BACK, self.places[self._route[-1]].point)
+        return None
+
+    def _way(self, start: int, end: int) -> list[int]:
+        """Places from `start` to `end` in the tree of where it came from, the next one last, `start` not among them."""
+        up, down = self._ancestors(start), self._ancestors(end)
+        common = next(place for place in up if place in down)
+        return [*down[: down.index(common) + 1], *reversed(up[1 : up.index(common)])]
+
+    def _ancestors(self, place: int) -> list[int]:
+        chain = [place]
+        while self.places[chain[-1]].parent >= 0:
+            chain.append(self.places[chain[-1]].parent)
+        return chain
+
+    def _towards_wanted(self, view: View) -> Leg | None:
+        """The next leg of the way back; at its end the sub-goal itself."""
+        assert self._wanted is not None
+        while self._route and math.dist(self.places[self._route[-1]].point, view.centre) < _SAME:
+            self._route.pop()
+        kind = LegKind.BACK if self._route else LegKind.CRITICAL
+        target = self.places[self._route[-1]].point if self._route else self._wanted.point
+        fits = kind is LegKind.BACK or self._fits(view, target, 1.0)
+        if fits and self._surprises < _TRIES:
+            return Leg(kind, target, self._wanted) if self._is_safe(view, target, kind) else None
+        self._wanted.open = False
+        self._wanted, self._route, self._surprises = None, [], 0
+        return self._critical_point(view)
+
+    # -- SAFE_POINT ----------------------------------------------------------------------------------------------------
+
+    def _goal_way_is_free(self, view: View) -> bool:
+        """Line 6: no obstacle in the direction of the goal, and no gap on the way there that is too narrow."""
+        return view.goal_in_sight() and self._surprises < _TRIES and not self._narrow(view, view.goal.position, 1.05)
+
+    def _fits(self, view: View, target: Array, share: float) -> bool:
+        """Whether the robot can drive straight to `target`, stand there, and passes only gaps wider than 2 r times `share`."""
+        return view.reachable(target) and not self._narrow(view, target, share)
+
+    def _narrow(self, view: View, target: Array, share: float) -> bool:
+        """Whether the way passes a gap that is not wider than 2 r times `share`."""
+        (x, y), width = view.centre, 2.0 * view.circle.radius * share
+        length = math.dist(view.centre, target)
+        return math.isfinite(narrow_gap(view.hits, x, y, view.heading_to(target), length, width, view.circle.body))
+
+    def _is_safe(self, view: View, target: Array, kind: LegKind, turning: bool = True) -> bool:
+        """Whether no moving obstacle meets the robot on its way to `target`; what does is kept as a virtual obstacle."""
+        collision = self._predicted(view, target, turning, 0.0 if kind is LegKind.GOAL else 1.5)
+        if collision is not None and all(c.obstacle is not collision.obstacle for c in self.collisions):
+            self.collisions.append(collision)
+        return collision is None
+
+    def _predicted(self, view: View, target: Array, turning: bool, stay: float) -> Collision | None:
+        moving = self.obstacles.dynamic
+        if not moving:
+            return None
+        p = view.parameters
+        heading = view.heading_to(target)
+        turn = abs(wrap_angle(heading - view.pose.theta)) / p.rotate_to_heading_angular_vel if turning else 0.0
+        return predict(
+            moving,
+            view.time,
+            view.centre,
+            heading,
+            math.dist(view.centre, target),
+            p.desired_linear_vel,
+            turn + _TURN_DELAY if turning else 0.0,
+            stay,
+            view.circle.body + self.parameters.collision_margin,
+            self.parameters.prediction_horizon,
+        )
+
+    # -- on the way ----------------------------------------------------------------------------------------------------
+
+    def _goes_on(self, leg: Leg, view: View) -> bool:
+        """Whether a leg is neither finished nor blocked nor leads into a moving obstacle."""
+        left = math.dist(view.centre, leg.target)
+        if left <= ARRIVED:
+            self._arrived(leg)
+            return False
+        if view.blocked:
+            self._surprised(leg)
+            return False
+        if not view.fresh:
+            return True
+        if leg.kind is LegKind.GOAL:
+            free = view.goal_in_sight() and not self._narrow(view, leg.target, 1.0)
+        elif leg.kind is LegKind.CRITICAL:
+            free = self._fits(view, leg.target, 1.0)
+        else:
+            free = view.free_way(view.heading_to(leg.target), left, view.circle.driving) >= left - _SAME
+        leg.flags = 0 if free else leg.flags + 1
+        if leg.flags >= _FLAGS:
+            self._surprised(leg)
+            return False
+        turning = abs(wrap_angle(view.heading_to(leg.target) - view.pose.theta)) > 0.5
+        if leg.kind is not LegKind.EVADE and self._predicted(view, leg.target, turning, 0.0) is not None:
+            self._news.append("a moving obstacle comes in the way")
+            return False
+        return True
+
+    def _arrived(self, leg: Leg) -> None:
+        self._surprises = 0
+        if leg.subgoal is not None and leg.kind is LegKind.CRITICAL:
+            leg.subgoal.open = False
+            self._wanted = None
+
+    def _surprised(self, leg: Leg) -> None:
+        """A way that was called free is not."""
+        self._surprises += 1
+        self._news.append(f"{leg.kind.value}: blocked")
+        if leg.subgoal is not None and self._surprises >= _TRIES:
+            leg.subgoal.open = False
+            self._wanted, self._surprises = None, 0
+
+    # -- moving obstacles ----------------------------------------------------------------------------------------------
+
+    def _standing(self, view: View, panorama: Panorama) -> View:
+        """What stands still, of this panorama."""
+        moving = self.obstacles.dynamic
+        if not moving and panorama is view.panorama:
+            return view
+        still = standing_world(panorama, moving, 0.15)
+        return replace(view, panorama=still, hits=still.hits())
+
+    def _threat(self, view: View) -> Collision | None:
+        """What would run into the robot if it stood still."""
+        if not self.obstacles.dynamic:
+            return None
+        margin = view.circle.body + 0.5 * self.parameters.collision_margin
+        return predict(self.obstacles.dynamic, view.time, view.centre, 0.0, 0.0, 1.0, 0.0, 4.0, margin, 4.0)
+
+    def _evade(self, view: View) -> Move:
+        """Out of the way: the shortest straight motion after which nothing comes, or the one after which it comes latest."""
+        threat = self._threat(view)
+        best, latest = None, threat.first if threat is not None else math.inf
+        for length in _EVADE:
+            for k in sorted(range(24), key=lambda k: abs(wrap_angle(k * math.pi / 12))):
+                heading = view.pose.theta + k * math.pi / 12
+                target = view.centre + length * np.array([math.cos(heading), math.sin(heading)])
+                if not view.reachable(target):
+                    continue
+                collision = self._predicted(view, target, True, 3.0)
+                if collision is None:
+                    return self._go(Leg(LegKind.EVADE, target))
+                if collision.first > latest + 0.3:
+                    best, latest = target, collision.first
+        return self._go(Leg(LegKind.EVADE, best)) if best is not None else Stand()
+
+    # -- what is to be seen --------------------------------------------------------------------------------------------
+
+    def trace(self, view: View) -> dict[str, Drawable]:
+        """Open points, sub-goals, critical point, virtual circle, d_min, obstacles that move, collisions, visited points."""
+        angles = np.linspace(0.0, math.tau, 33)
+        ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        moving = self.obstacles.dynamic
+        drawn: dict[str, Drawable] = {
+            "virtual_circle": Lines((view.centre + view.circle.radius * ring,), color=(60, 140, 220)),
+            "d_min": Lines((np.array([view.centre, view.goal.position]),), color=(220, 40, 40)),
+            "obstacles": Lines(tuple(o.position + o.radius * ring for o in self.obstacles.tracked), color=(150, 150, 150)),
+            "moving": Arrows(_array([o.position for o in moving]), _array([o.velocity for o in moving])),
+            "collision": Points(_array([c.point for c in self.collisions]), color=(255, 0, 0), radius=0.04),
+            "virtual_obstacle": Lines(
+                tuple(end + c.obstacle.radius * ring for c in self.collisions for end in (c.start, c.end)), color=(255, 120, 0)
+            ),
+        }
+        if self._news:
+            critical = [self.leg.target] if self.leg is not None else []
+            drawn |= {
+                "open_points": Points(_array([p.position for p in self.open_points]), color=(230, 60, 60)),
+                "subgoals": Points(_array([s.point for s in self.subgoals if s.open]), color=(60, 180, 75)),
+                "critical_point": Points(_array(critical), color=PLAN_COLOR, radius=0.04),
+                "visited": Points(_array([place.point for place in self.places]), color=(120, 120, 120)),
+                "ocpb": Text("; ".join(self._news)),
+            }
+            self._news = []
+        return drawn
+
+    def count(self, kind: Kind) -> int:
+        """How many obstacles a set of the paper holds now."""
+        return len(self.obstacles.of(kind))
+
+
+def _array(points: list[Array]) -> Array:
+    return np.array(points).reshape(-1, 2)
+
+
+def _beside(point: Array, a: Array, b: Array) -> float:
+    """Distance of a point from a segment [m]."""
+    along = b - a
+    share = float(np.clip((point - a) @ along / max(float(along @ along), 1e-12), 0.0, 1.0))
+    return math.dist(point, a + share * along)
+
+
+def build(context: Context) -> Reactive:
+    """The navigator for the context's robot."""
+    strategy = OperativeCriticalPointBug(context.parameters_of(Parameters), context.parameters_of(BugParameters))
+    return build_bug(context, strategy)

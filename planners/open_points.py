@@ -1,0 +1,366 @@
+"""What a bug with a range sensor all round sees: open points, where the range jumps, and the sub-goals beside them.
+
+Das, Dutta and Debnath, Operative Critical Point Bug, IJEECS 18(3), 2020, section 2: the virtual circle, open points by a jump
+of the range between neighbouring beams, sub-goals beside them (eq. 1-5), and the offset of the axle (eq. 6).
+
+What the paper leaves open, and how it is decided here:
+
+* Noise, and walls seen at a grazing angle, whose range jumps from beam to beam with no end in sight: a jump is an open point only
+  if the far reading lies beyond what a straight continuation of the near surface predicts, by four standard deviations. Along a
+  straight surface 1 / range is a linear combination of the bearing's cosine and sine, so the prediction is a linear fit.
+* Where between the last beam on the obstacle and the first off it the end lies: half-way, on the continuation of the surface.
+* Lost beams (nan) are skipped; where more than two in a row are missing, what lies between is unknown and makes no open point.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from robocar.core import SE2, Array, Footprint, Observation, ParameterError, Robot, Scan, frozen_array
+
+_SIGMAS = 4.0  # by which a reading must lie beyond the continued surface
+_FIT = 5  # beams of the near surface that are continued
+_MISSING = 3.5  # beam spacings: farther apart, neighbours do not speak of what lies between them
+_SAME_SURFACE = 0.05  # [m] beams whose ranges differ by less end on one surface
+_STALE = 0.3  # [s] a sonar's last reading counts for this long
+
+
+@dataclass(frozen=True, slots=True)
+class VirtualCircle:
+    """Circle around the robot (section 2.1): its centre lies midway between the two farthest points of the outline.
+
+    Args:
+        radius: half the distance of these points and the safety constant, r [m].
+        body: without the safety constant [m].
+        driving: half the width of what the robot sweeps driving straight, and the safety constant [m].
+        offset: robot_from_centre, x and y [m]; the length is the paper's AC.
+    """
+
+    radius: float
+    body: float
+    driving: float
+    offset: tuple[float, float]
+
+    @classmethod
+    def of(cls, footprint: Footprint, safety_constant: float) -> VirtualCircle:
+        """Of an outline, with the safety constant in metres."""
+        corners = footprint.vertices
+        apart = np.linalg.norm(corners[:, None] - corners[None], axis=2)
+        i, j = np.unravel_index(int(apart.argmax()), apart.shape)
+        middle = 0.5 * (corners[i] + corners[j])
+        # Of a body that is not symmetric some corner may lie outside the circle over its longest diagonal.
+        body = float(np.linalg.norm(corners - middle, axis=1).max())
+        half = float(np.abs(corners[:, 1] - middle[1]).max())
+        return cls(body + safety_constant, body, half + safety_constant, (float(middle[0]), float(middle[1])))
+
+    def centre(self, pose: SE2) -> Array:
+        """Where the circle is, (2,) [m]."""
+        return np.array(pose.apply(*self.offset))
+
+    def axle(self, centre: Array, heading: float) -> Array:
+        """Eq. 6: where the robot's origin has to be for the circle to be at `centre` with this heading, (2,) [m]."""
+        return np.array(SE2(float(centre[0]), float(centre[1]), heading).apply(-self.offset[0], -self.offset[1]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Panorama:
+    """Ranges all round, in the map frame.
+
+    Args:
+        time: of the scan [s].
+        origin: where the sensor was, (2,) [m].
+        bearings: ascending over one turn, (n,) [rad].
+        ranges: (n,) [m]; inf: nothing in range; nan: lost.
+        max_range: [m].
+        spacing: between neighbouring beams as fitted [rad].
+        thin: whether the beams are a laser's; a sonar's cone hears the nearest surface in it, so surfaces are not continued.
+    """
+
+    time: float
+    origin: Array
+    bearings: Array
+    ranges: Array
+    max_range: float
+    spacing: float
+    thin: bool = True
+
+    @property
+    def lost(self) -> bool:
+        """Whether no beam at all came back with an answer."""
+        return not np.any(~np.isnan(self.ranges))
+
+    def hits(self) -> Array:
+        """Surface points, (m, 2) [m]; a laser's ranges are means over up to five beams on the same surface."""
+        seen = np.isfinite(self.ranges)
+        ranges = _smoothed(self.ranges)[seen] if self.thin else self.ranges[seen]
+        bearings = self.bearings[seen]
+        points = np.empty((len(ranges), 2))
+        points[:, 0] = self.origin[0] + ranges * np.cos(bearings)
+        points[:, 1] = self.origin[1] + ranges * np.sin(bearings)
+        return points
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenPoint:
+    """A visible end of an obstacle.
+
+    Args:
+        position: (2,) [m]; bearing [rad] and range [m] from the sensor.
+        side: +1 where the free side is counter-clockwise of it (obstacle, then open), -1 where it is clockwise.
+    """
+
+    position: Array
+    bearing: float
+    range: float
+    side: int
+
+    @property
+    def normal(self) -> Array:
+        """Towards the free side, perpendicular to the line from the sensor, (2,): the four cases of eq. 4 in one."""
+        return self.side * np.array([-math.sin(self.bearing), math.cos(self.bearing)])
+
+    def subgoal(self, radius: float) -> Array:
+        """Eq. 5: beside the open point, at this distance on its free side, (2,) [m]."""
+        return self.position + radius * self.normal
+
+
+class Surround:
+    """Makes panoramas of a robot's laser or, if it has none, of its ring of sonars.
+
+    Args:
+        widest: largest angle between neighbouring beams that will do [rad].
+
+    Raises:
+        ParameterError: the robot does not look all round closely enough; the message says how many beams are needed.
+    """
+
+    def __init__(self, robot: Robot, widest: float) -> None:
+        self._lidar = robot.lidar is not None
+        if robot.lidar is not None:
+            bearings = robot.lidar.bearings + robot.lidar.robot_from_sensor.theta
+        else:
+            bearings = np.array([sonar.robot_from_sensor.theta + b for sonar in robot.sonars for b in sonar.bearings])
+        needed = math.ceil(math.tau / widest - 1e-9)
+        around = np.sort(np.remainder(bearings, math.tau))
+        gaps = np.diff(np.append(around, around[:1] + math.tau)) if len(around) else np.array([math.tau])
+        if gaps.max() > widest + 1e-9:
+            raise ParameterError(
+                f"open points need at least {needed} beams all round, at most {math.degrees(widest):.1f} degrees apart; this "
+                f"robot has {len(around)}, up to {math.degrees(gaps.max()):.1f} degrees apart; fit robot.lidar: scan360 or "
+                "robot.sonars: ring"
+            )
+        self._spacing = float(np.median(gaps))
+        self.forget()
+
+    def forget(self) -> None:
+        """A new episode."""
+        self._heard: dict[tuple[float, float, float], Scan] = {}
+
+    def panorama(self, observation: Observation, pose: SE2) -> Panorama | None:
+        """The world around as seen in this tick; None where the sensor has nothing new to say."""
+        if self._lidar:
+            return self._of_laser(observation.lidar, pose) if observation.lidar is not None else None
+        if not observation.sonars:
+            return None
+        return self._of_sonars(observation, pose)
+
+    def _of_laser(self, scan: Scan, pose: SE2) -> Panorama:
+        sensor = pose @ scan.robot_from_sensor
+        bearings, ranges = scan.bearings, scan.ranges
+        if np.any(np.diff(bearings) <= 0.0):
+            order = np.argsort(bearings, kind="stable")
+            bearings, ranges = bearings[order], ranges[order]
+        return Panorama(
+            scan.time,
+            frozen_array(sensor.position),
+            frozen_array(bearings + sensor.theta),
+            frozen_array(_checked(ranges, scan.max_range)),
+            scan.max_range,
+            self._spacing,
+        )
+
+    def _of_sonars(self, observation: Observation, pose: SE2) -> Panorama:
+        """The last echo of every sonar, as seen from the robot's origin."""
+        for scan in observation.sonars:
+            mount = scan.robot_from_sensor
+            self._heard[mount.x, mount.y, mount.theta] = scan
+        self._heard = {key: scan for key, scan in self._heard.items() if scan.time >= observation.time - _STALE}
+        bearings, ranges = [], []
+        for scan in self._heard.values():
+            heard = _checked(scan.ranges, scan.max_range)
+            for bearing, distance in zip(scan.bearings, heard, strict=True):
+                reach = distance if math.isfinite(distance) else scan.max_range
+                x, y = scan.robot_from_sensor.apply(reach * math.cos(bearing), reach * math.sin(bearing))
+                bearings.append(math.atan2(y, x) + pose.theta)
+                ranges.append(math.hypot(x, y) if math.isfinite(distance) else distance)
+        order = np.argsort(bearings, kind="stable")
+        return Panorama(
+            observation.time,
+            frozen_array(pose.position),
+            frozen_array(np.array(bearings)[order]),
+            frozen_array(np.array(ranges)[order]),
+            max(scan.max_range for scan in self._heard.values()),
+            self._spacing,
+            thin=False,
+        )
+
+
+class Lookout:
+    """Collects the scans that a decision is made from, while the robot stands.
+
+    Args:
+        looks: how many.
+    """
+
+    def __init__(self, looks: int) -> None:
+        self._looks = looks
+        self._seen: list[Panorama] = []
+
+    def start(self) -> None:
+        """Forgets what was seen from elsewhere."""
+        self._seen.clear()
+
+    def look(self, panorama: Panorama) -> Panorama | None:
+        """Takes one more in; their `middle` when there are enough."""
+        self._seen.append(panorama)
+        if len(self._seen) < self._looks:
+            return None
+        seen, self._seen = middle(self._seen), []
+        return seen
+
+
+def middle(panoramas: Sequence[Panorama]) -> Panorama:
+    """The last of them, each range replaced by the median over all that were taken from the same place; lost readings do not
+    count. Standing still and looking a few times, the sensor's noise shrinks and lost beams come back."""
+    last = panoramas[-1]
+    same = [p for p in panoramas if p.ranges.shape == last.ranges.shape and math.dist(p.origin, last.origin) < 0.01]
+    ranges = _medians(np.array([p.ranges for p in same]))
+    return Panorama(last.time, last.origin, last.bearings, frozen_array(ranges), last.max_range, last.spacing, last.thin)
+
+
+def find_open_points(panorama: Panorama, range_jump: float, range_std: float) -> list[OpenPoint]:
+    """All open points of a panorama, counter-clockwise (section 2.1, both kinds: obstacle to open, open to obstacle).
+
+    Args:
+        range_jump: the paper's delta d [m].
+        range_std: of the sensor's noise [m].
+    """
+    seen = ~np.isnan(panorama.ranges)
+    bearings, ranges = panorama.bearings[seen], panorama.ranges[seen]
+    if len(ranges) < 3:
+        return []
+    apart = _MISSING * panorama.spacing
+    found = _jumps(bearings, ranges, panorama.max_range, apart, range_jump, range_std, panorama.thin)
+    x, y = panorama.origin
+    return [
+        OpenPoint(frozen_array([x + d * math.cos(b), y + d * math.sin(b)]), float(b), float(d), int(side)) for b, d, side in found
+    ]
+
+
+@njit(cache=True)
+def _jumps(
+    bearings: Array, ranges: Array, max_range: float, apart: float, jump: float, std: float, thin: bool
+) -> NDArray[np.float64]:
+    """Bearing, range and side of each open point, (k, 3). `ranges` without nan, inf where nothing is."""
+    n = len(ranges)
+    found = np.empty((n, 3))
+    count = 0
+    fit_b, fit_u = np.empty(_FIT), np.empty(_FIT)
+    for i in range(n):
+        j = (i + 1) % n
+        between = (bearings[j] - bearings[i]) % (2.0 * math.pi)
+        if between > apart or between <= 0.0:
+            continue
+        near_i, near_j = min(ranges[i], max_range), min(ranges[j], max_range)
+        if abs(near_j - near_i) <= jump:
+            continue
+        side = 1 if near_i < near_j else -1  # the free side, seen from the near one
+        near, d, far = (i, near_i, near_j) if side == 1 else (j, near_j, near_i)
+        if d <= 0.0:
+            continue
+        edge, at = bearings[near] + 0.5 * side * between, d
+        if thin:
+            # The surface up to the jump, from the last beam backwards.
+            m, k, previous = 0, near, d
+            while m < _FIT:
+                r = ranges[k]
+                if not (0.0 < r < math.inf) or abs(r - previous) > jump:
+                    break
+                fit_b[m], fit_u[m] = (bearings[k] - bearings[near] + math.pi) % (2.0 * math.pi) - math.pi, 1.0 / r
+                if abs(fit_b[m]) > _FIT * apart:
+                    break
+                m, k, previous = m + 1, (k - side) % n, r
+            if m >= 2:
+                expected, spread, half = _continued(fit_b[:m], fit_u[:m], side * between)
+                limit = expected - _SIGMAS * spread * std / (d * d)
+                if not 1.0 / far < limit:
+                    continue  # the surface goes on, or may well do so
+                if m >= 3 and half > 0.0:
+                    at = min(max(1.0 / half, d - 3.0 * std), 0.5 * (d + 1.0 / max(expected, 1e-6)) + 3.0 * std, far)
+        found[count, 0], found[count, 1], found[count, 2] = edge, at, side
+        count += 1
+    return found[:count]
+
+
+@njit(cache=True)
+def _continued(b: Array, u: Array, at: float) -> tuple[float, float, float]:
+    """A straight surface u = p cos b + q sin b through (b, u), continued to bearing `at`: its value there, that value's standard
+    deviation for noise of 1 in u, and its value half-way."""
+    cc = cs = ss = cu = su = 0.0
+    for k in range(len(b)):
+        c, s = math.cos(b[k]), math.sin(b[k])
+        cc, cs, ss, cu, su = cc + c * c, cs + c * s, ss + s * s, cu + c * u[k], su + s * u[k]
+    det = cc * ss - cs * cs
+    if det < 1e-12:
+        return u[0], 1.0, u[0]
+    p, q = (ss * cu - cs * su) / det, (cc * su - cs * cu) / det
+    c, s = math.cos(at), math.sin(at)
+    spread = math.sqrt(max(0.0, (ss * c * c - 2.0 * cs * c * s + cc * s * s) / det) + 1.0)
+    return p * c + q * s, spread, p * math.cos(0.5 * at) + q * math.sin(0.5 * at)
+
+
+@njit(cache=True)
+def _medians(ranges: Array) -> Array:
+    """Lower median of each column of (k, n), without its nan; nan where all are."""
+    k, n = ranges.shape
+    out, column = np.empty(n), np.empty(k)
+    for j in range(n):
+        m = 0
+        for i in range(k):
+            if not math.isnan(ranges[i, j]):
+                column[m] = ranges[i, j]
+                m += 1
+        if m == 0:
+            out[j] = math.nan
+        elif m % 2 == 1:
+            out[j] = np.sort(column[:m])[m // 2]
+        else:  # a mean of two, unless one is infinite
+            low, high = np.sort(column[:m])[m // 2 - 1], np.sort(column[:m])[m // 2]
+            out[j] = 0.5 * (low + high) if high < math.inf else low
+    return out
+
+
+@njit(cache=True)
+def _smoothed(ranges: Array) -> Array:
+    """Means over as many as two beams on either side that lie on the same surface."""
+    n, out = len(ranges), ranges.copy()
+    for i in range(n):
+        total, count = ranges[i], 1
+        for k in range(1, 3):
+            a, b = ranges[(i - k) % n], ranges[(i + k) % n]
+            if not (abs(a - ranges[i]) < _SAME_SURFACE and abs(b - ranges[i]) < _SAME_SURFACE):  # nan and inf too
+                break
+            total, count = total + a + b, count + 2
+        out[i] = total / count
+    return out
+
+
+def _checked(ranges: Array, max_range: float) -> Array:
+    """Readings below zero are lost ones, those beyond the range saw nothing."""
+    return np.where(ranges > max_range, np.inf, np.where(ranges > 0.0, ranges, np.nan))
