@@ -155,7 +155,7 @@ def test_it_stops_turns_and_goes() -> None:
     """Timetable by hand: 1 m at 0.5 m/s, 1 s of rest, a quarter turn at 1 rad/s, 1 m, rest, a half turn, ..."""
     corners = np.array([[6.0, 5.0], [6.0, 6.0], [5.0, 5.0]])
     mover = Mover("m", "box", (0.4, 0.2, 0.3), SE2(5, 5), corners, speed=0.5, motion="stop-turn-go", pause=1.0, turn_speed=1.0)
-    poses, _, _ = drive(mover, 12.5)
+    poses, _, _ = drive(mover, 14.0)
     speed = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1) / 0.01
     standing = speed < 0.01
     heading = np.unwrap(poses[:, 2])
