@@ -38,8 +38,9 @@ DIRECT_SIZE = 400
 SMALLEST = 1e-280
 """Below this, products of neighbouring values would leave the range of doubles."""
 
-SETTLED = 0.02
-"""Coarse weights are kept once w changes by less than this fraction in a cycle."""
+SETTLED = 0.1
+"""Coarse weights are kept once w changes by less than this fraction in a cycle. 0.02 to 0.3 take equally many cycles on room
+maps, caves, offices and random obstacles."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from planners.laplace.elimination import eliminate
 from planners.laplace.multigrid import Multigrid
 from planners.laplace.problem import LaplaceProblem
+from planners.laplace.warm import warm_field
 from robocar.core import Array, BudgetExhausted, ParameterError
 
 REACHABLE = 4e-15
@@ -139,31 +140,7 @@ def _warm_field(problem: LaplaceProblem, guess: Potential) -> Array | None:
     old = guess.problem
     if guess.exponent is not None or old.shape != problem.shape or not np.array_equal(old.goals, problem.goals):
         return None
-    w = guess.mantissa.copy()
-    return w if _adapt(w, problem.inverse_degree, problem.goals) else None
-
-
-@njit(cache=True)
-def _adapt(w, inverse_degree, goals):
-    """0 at new walls, and means of their neighbours at new free cells from the old ones inwards; whether all got a value."""
-    todo = []
-    for r in range(w.shape[0]):
-        for c in range(w.shape[1]):
-            if inverse_degree[r, c] == 0:
-                w[r, c] = 0.0
-            elif not w[r, c] > 0.0:
-                todo.append((r, c))
-    for k in range(len(goals)):
-        w[goals[k, 0] + 1, goals[k, 1] + 1] = 1.0
-    missing = len(todo)
-    before = missing + 1
-    while 0 < missing < before:
-        before = missing
-        missing = 0
-        for r, c in todo:
-            w[r, c] = inverse_degree[r, c] * (w[r - 1, c] + w[r + 1, c] + w[r, c - 1] + w[r, c + 1])
-            missing += w[r, c] == 0.0
-    return missing == 0
+    return warm_field(problem, old, guess.mantissa)
 
 
 # ---------------------------------------------------------------- elimination of cells

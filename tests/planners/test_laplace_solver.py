@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
+import cv2
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -15,6 +16,7 @@ from planners.laplace import LaplaceProblem, Multigrid, laplace_problem, solve
 from planners.laplace.elimination import dissection_order, eliminate
 from planners.laplace.relaxation import largest_residual
 from planners.laplace.solver import REACHABLE
+from planners.laplace.warm import LARGEST_SHARE, MARGIN, warm_field, windows
 from robocar.core import GoalOccupied, NoPathFound, OutsideMap, ParameterError
 from robocar.formats.generated import cave, maze, rooms
 
@@ -26,7 +28,7 @@ def exact(problem: LaplaceProblem) -> np.ndarray:
     goals = {tuple(g) for g in problem.goals}
     rows = []
     for r, c in cells:
-        row: dict[int, Fraction] = {number[r, c]: Fraction(round(1.0 / problem.inverse_degree[r + 1, c + 1] * 2**20), 2**20)}
+        row: dict[int, Fraction] = {number[r, c]: Fraction(round(2**20 / float(problem.inverse_degree[r + 1, c + 1])), 2**20)}
         right = Fraction(0)
         for n in ((r - 1, c), (r + 1, c), (r, c - 1), (r, c + 1)):
             if n in number:
@@ -200,15 +202,16 @@ def test_elimination_is_exact_in_any_order_and_solves_any_right_side() -> None:
     total = steps.sum(1) + goal + loss
     steps, goal, loss = steps / total[:, None], goal / total, loss / total
     matrix = sp.csr_array(steps)
+    data = np.asarray(matrix.data, dtype=float)
     right = rng.random(n)
     rows = np.arange(n)
     for order in (rng.permutation(n), dissection_order(rows // 7, rows % 7)):
-        factors = eliminate(matrix.indptr, matrix.indices, matrix.data, goal, loss, order.astype(np.int32))
+        factors = eliminate(matrix.indptr, matrix.indices, data, goal, loss, order.astype(np.int32))
         assert factors is not None
         np.testing.assert_allclose(factors.solve(right), np.linalg.solve(np.eye(n) - steps, right), rtol=1e-10)
         mantissa, exponent = factors.hitting()
         np.testing.assert_allclose(np.ldexp(mantissa, exponent), np.linalg.solve(np.eye(n) - steps, goal), rtol=1e-10)
-    assert eliminate(matrix.indptr, matrix.indices, matrix.data, goal, loss, rows.astype(np.int32), max_fill=3) is None
+    assert eliminate(matrix.indptr, matrix.indices, data, goal, loss, rows.astype(np.int32), max_fill=3) is None
 
 
 def test_dissection_order_is_a_permutation_that_keeps_the_middle_lines_for_last() -> None:
@@ -264,6 +267,44 @@ def test_warm_start_gives_the_new_solution(change) -> None:
     assert not np.allclose(warm.w, old.w, rtol=1e-3)
 
 
+def test_a_warm_start_is_solved_around_the_change_and_untouched_elsewhere() -> None:
+    # oracle: the equations by hand; the window reaches 2 x 20 cells beyond the obstacle
+    blocked, goal = two_rooms(400)
+    old = solve(laplace_problem(blocked, goal), 1e-10, method="multigrid")
+    changed = blocked.copy()
+    changed[60:80, 290:310] = True
+    problem = laplace_problem(changed, goal)
+    guess = warm_field(problem, old.problem, old.mantissa)
+    assert guess is not None
+    w, neighbours = guess[1:-1, 1:-1], guess[:-2, 1:-1] + guess[2:, 1:-1] + guess[1:-1, :-2] + guess[1:-1, 2:]
+    inner, outer = np.zeros_like(blocked), np.ones_like(blocked)
+    inner[25:115, 255:345], outer[15:125, 245:355] = problem.unknowns[25:115, 255:345], False
+    assert np.count_nonzero(inner) > 5000
+    assert np.abs(0.25 * neighbours / np.where(inner, w, 1) - 1)[inner].max() < 2e-4
+    assert np.array_equal(w[outer], old.w[outer])
+    cold, warm = solve(problem, 1e-10, method="multigrid"), solve(problem, 1e-10, method="multigrid", guess=old)
+    assert relative_error(warm, solve(problem, 1e-13).w) < 1e-6
+    assert len(warm.residuals) <= len(cold.residuals)
+
+
+@given(st.lists(st.tuples(st.integers(0, 199), st.integers(0, 149), st.integers(1, 25)), min_size=1, max_size=6))
+def test_windows_hold_every_change_with_a_margin(squares) -> None:
+    changed = np.zeros((200, 150), dtype=bool)
+    for row, col, side in squares:
+        changed[row : row + side, col : col + side] = True
+    found = windows(changed)
+    covered = np.zeros(changed.shape, dtype=int)
+    for window in found:
+        covered[window] += 1
+    near = cv2.dilate(changed.astype(np.uint8), np.ones((2 * MARGIN + 1, 2 * MARGIN + 1), np.uint8)) > 0
+    too_much = not found  # then, and only then, they would cover more than a quarter
+    assert np.all((covered >= 1)[near]) or too_much
+    assert sum(changed[window].size for window in found) <= LARGEST_SHARE * changed.size
+    lone = np.zeros_like(changed)
+    lone[squares[0][0], squares[0][1]] = True
+    assert len(windows(lone)) == 1
+
+
 def test_levels_can_be_used_again_but_only_for_their_problem() -> None:
     problem = laplace_problem(*two_rooms(64))
     levels = Multigrid(problem)
@@ -286,8 +327,6 @@ def test_coarse_nodes_do_not_join_what_a_wall_separates() -> None:
     doors[33, 40] = True
     levels = Multigrid(problem)
     owner = levels.parent[1:-1, 1:-1]
-    import cv2
-
     _, room = cv2.connectedComponents((problem.unknowns & ~doors).astype(np.uint8), connectivity=4)
     assert room.max() >= 4
     inside = (owner >= 0) & (room > 0)
