@@ -6,7 +6,8 @@ What the experiment measures as with a tape and a protractor (the true motion), 
     wheel radius      r = distance / mean wheel angle                  on straights
     effective track   b = r (right - left wheel angle) / turn          on arcs of each curvature and on the spot
 
-as means over cars with different tyres and wheels. Driven squares, clockwise and counter-clockwise, are the test (UMBmark:
+as means over cars with different tyres and wheels, once without and once with the camera's head, whose weight lies ahead of
+the wheels' middle. Driven squares, clockwise and counter-clockwise, are the test (UMBmark:
 Borenstein and Feng, Measurement and Correction of Systematic Odometry Errors in Mobile Robots, 1996): the distance between
 the pose that odometry believes at the end and the true one, before (nominal radius, geometric track) and after.
 
@@ -16,6 +17,7 @@ A full run writes `models/robocar/calibration.yaml`, which the firmware and odom
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import matplotlib
@@ -30,7 +32,8 @@ from robocar.core.robot import Calibration
 from robocar.estimation.odometry import WheelOdometry
 from robocar.experiment import Report
 from robocar.paths import MODELS
-from robocar.sim.car import geometric_track
+from robocar.sim.car import FitOut, geometric_track
+from robocar.sim.sensors import CameraParameters, SensorParameters
 from robocar.sim.simulation import Simulation
 from robocar.sim.world import build_world
 
@@ -41,10 +44,11 @@ SPIN = 100.0  # [1/m] the table's entry for turning on the spot
 SPIN_RATES = (0.5, 1.0, 1.4)  # [rad/s]
 
 
-def car(seed: int) -> Simulation:
-    """A car on an open floor."""
+def car(seed: int, camera: bool) -> Simulation:
+    """A car on an open floor, with or without the camera's head; its pictures are not looked at."""
     floor = OccupancyGrid(np.zeros((20, 20), dtype=np.int8), 0.5, SE2(-5.0, -5.0))
-    return Simulation(build_world(floor, border="open"), start=SE2(), seed=seed)
+    blind = replace(SensorParameters(), camera=replace(CameraParameters(), period=1e6))
+    return Simulation(build_world(floor, border="open"), start=SE2(), seed=seed, fit_out=FitOut(camera=camera), sensors=blind)
 
 
 def drive(simulation: Simulation, twist: Twist, seconds: float) -> tuple[float, float, float, float]:
@@ -71,17 +75,17 @@ def _wheels(simulation: Simulation) -> tuple[float, float]:
     return reading.value.left, reading.value.right
 
 
-def wheel_radius(seeds: range) -> Array:
+def wheel_radius(seeds: range, camera: bool = False) -> Array:
     """One estimate per car and speed, (n,) [m]."""
     found = []
     for seed in seeds:
         for speed in SPEEDS:
-            way, _, left, right = drive(car(seed), Twist(speed), 2.0 / speed)
+            way, _, left, right = drive(car(seed, camera), Twist(speed), 2.0 / speed)
             found.append(way / (0.5 * (left + right)))
     return np.array(found)
 
 
-def effective_track(radius: float, curvature: float, seeds: range) -> Array:
+def effective_track(radius: float, curvature: float, seeds: range, camera: bool = False) -> Array:
     """One estimate per car, direction and speed at this curvature, (n,) [m]."""
     found = []
     for seed in seeds:
@@ -92,14 +96,14 @@ def effective_track(radius: float, curvature: float, seeds: range) -> Array:
                 omega = min(1.2, 0.3 * curvature)
                 twists = [Twist(omega / curvature, sign * omega)]
             for twist in twists:
-                _, turn, left, right = drive(car(seed), twist, 4.0 * math.pi / max(abs(twist.omega), 0.5))
+                _, turn, left, right = drive(car(seed, camera), twist, 4.0 * math.pi / max(abs(twist.omega), 0.5))
                 found.append(radius * (right - left) / turn)
     return np.array(found)
 
 
-def square(seed: int, clockwise: bool, calibrations: list[Calibration]) -> list[tuple[float, float]]:
+def square(seed: int, clockwise: bool, calibrations: list[Calibration], camera: bool = False) -> list[tuple[float, float]]:
     """Drives a square of 1.5 m by serial commands; end point that each calibration's odometry sees minus the true one [m]."""
-    simulation = car(seed)
+    simulation = car(seed, camera)
     odometries = [WheelOdometry(calibration, SE2()) for calibration in calibrations]
     for line in (["M5", "Kn90"] if clockwise else ["M5", "Kr90"]) * 4:
         command = Serial(line)
@@ -121,49 +125,71 @@ def systematic_error(ends: Array) -> float:
     return float(np.linalg.norm(ends.mean(axis=1), axis=1).max())
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Identified:
+    """What was found for one fit-out: samples over cars, and where driven squares ended for either calibration, (2, n, 2, 2)."""
+
+    radii: Array
+    curvatures: tuple[float, ...]
+    tracks: list[Array]
+    ends: Array
+    calibration: Calibration
+
+    @property
+    def content(self) -> dict[str, object]:
+        """As in `calibration.yaml`."""
+        table = np.column_stack([self.calibration.curvature, self.calibration.track])
+        return {"wheel_radius": self.calibration.wheel_radius, "effective_track": table.tolist()}
+
+
+def identify(camera: bool, quick: bool) -> Identified:
+    """Identifies the car with or without its camera's head, and drives the squares."""
+    seeds = range(1000, 1002 if quick else 1008)
+    radii = wheel_radius(seeds, camera)
+    curvatures = (*((1.0, 8.0) if quick else CURVATURES), SPIN)
+    tracks = [effective_track(float(radii.mean()), curvature, seeds, camera) for curvature in curvatures]
+    means = np.array([round(float(t.mean()), 5) for t in tracks])
+    calibration = Calibration(round(float(radii.mean()), 6), np.array(curvatures), means)
+    nominal = Calibration(NOMINAL_RADIUS, np.array([0.0, SPIN]), np.full(2, geometric_track()))
+    test_seeds = range(2000, 2002 if quick else 2005)
+    ends = np.array([[square(seed, cw, [nominal, calibration], camera) for seed in test_seeds] for cw in (True, False)])
+    return Identified(radii, curvatures, tracks, ends, calibration)
+
+
 def main(out: Path, quick: bool = False) -> None:
     """Identify, test, write."""
-    seeds = range(1000, 1002 if quick else 1008)
     report = Report(out, "Odometry calibration")
-    radii = wheel_radius(seeds)
-    radius = float(radii.mean())
-    curvatures = (*((1.0, 8.0) if quick else CURVATURES), SPIN)
-    tracks = [effective_track(radius, curvature, seeds) for curvature in curvatures]
-    table = [[float(c), round(float(t.mean()), 5)] for c, t in zip(curvatures, tracks, strict=True)]
-    radius = round(radius, 6)
-    calibration = Calibration(radius, np.array([row[0] for row in table]), np.array([row[1] for row in table]))
-    nominal = Calibration(NOMINAL_RADIUS, np.array([0.0, SPIN]), np.full(2, geometric_track()))
-
-    test_seeds = range(2000, 2002 if quick else 2005)
-    ends = np.array([[square(seed, cw, [nominal, calibration]) for seed in test_seeds] for cw in (True, False)])
-    before, after = systematic_error(ends[:, :, 0]), systematic_error(ends[:, :, 1])
-
-    report.number("wheel_radius", radius, "m", paper=NOMINAL_RADIUS)
-    report.number("wheel_radius_std", float(radii.std(ddof=1)), "m")
+    found = {"without_camera": identify(False, quick), "with_camera": identify(True, quick)}
     report.number("geometric_track", geometric_track(), "m")
-    for (curvature, track), samples in zip(table, tracks, strict=True):
-        name = "spin" if curvature == SPIN else f"curvature_{curvature:g}"
-        report.number(f"effective_track/{name}", track, "m")
-        report.number(f"effective_track_std/{name}", float(samples.std(ddof=1)), "m")
-    report.number("umbmark_systematic_error_nominal", before, "m")
-    report.number("umbmark_systematic_error_calibrated", after, "m")
-    report.table(
-        ("omega / v [1/m]", "effective track [m]", "spread over cars [m]"),
-        [
-            ("on the spot" if c == SPIN else f"{c:g}", f"{t:.4f}", f"{s.std(ddof=1):.4f}")
-            for (c, t), s in zip(table, tracks, strict=True)
-        ],
-        f"Wheel radius {1000 * radius:.2f} mm (spread {1000 * radii.std(ddof=1):.3f} mm), "
-        f"geometric track {geometric_track():.3f} m.",
-    )
-    report.table(
-        ("", "systematic error after a 1.5 m square [m]"),
-        [("nominal radius, geometric track", f"{before:.3f}"), ("calibrated", f"{after:.4f}")],
-    )
+    for fit_out, car_ in found.items():
+        radius, radii = car_.calibration.wheel_radius, car_.radii
+        tag = "" if fit_out == "without_camera" else "with_camera/"
+        report.number(f"{tag}wheel_radius", radius, "m", paper=NOMINAL_RADIUS)
+        report.number(f"{tag}wheel_radius_std", float(radii.std(ddof=1)), "m")
+        rows = []
+        for curvature, track, samples in zip(car_.curvatures, car_.calibration.track, car_.tracks, strict=True):
+            name = "spin" if curvature == SPIN else f"curvature_{curvature:g}"
+            report.number(f"{tag}effective_track/{name}", float(track), "m")
+            report.number(f"{tag}effective_track_std/{name}", float(samples.std(ddof=1)), "m")
+            rows.append(("on the spot" if curvature == SPIN else f"{curvature:g}", f"{track:.4f}", f"{samples.std(ddof=1):.4f}"))
+        before, after = systematic_error(car_.ends[:, :, 0]), systematic_error(car_.ends[:, :, 1])
+        report.number(f"{tag}umbmark_systematic_error_nominal", before, "m")
+        report.number(f"{tag}umbmark_systematic_error_calibrated", after, "m")
+        report.table(
+            ("omega / v [1/m]", "effective track [m]", "spread over cars [m]"),
+            rows,
+            f"The car {fit_out.replace('_', ' ')}: wheel radius {1000 * radius:.2f} mm (spread {1000 * radii.std(ddof=1):.3f} "
+            f"mm), geometric track {geometric_track():.3f} m.",
+        )
+        report.table(
+            ("", "systematic error after a 1.5 m square [m]"),
+            [("nominal radius, geometric track", f"{before:.3f}"), ("calibrated", f"{after:.4f}")],
+        )
     report.write()
-    _picture(out / "effective_track.png", curvatures, tracks, ends)
+    bare = found["without_camera"]
+    _picture(out / "effective_track.png", bare.curvatures, bare.tracks, bare.ends)
     content = "# Written by experiments/odometry_calibration.py. effective_track: rows of [omega / v in 1/m, track in m].\n"
-    content += yaml.safe_dump({"wheel_radius": radius, "effective_track": table}, default_flow_style=None)
+    content += yaml.safe_dump({name: car_.content for name, car_ in found.items()}, default_flow_style=None)
     (out / "calibration.yaml").write_text(content)
     if not quick:
         (MODELS / "robocar" / "calibration.yaml").write_text(content)

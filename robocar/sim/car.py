@@ -86,11 +86,15 @@ def geometric_track() -> float:
     return float(model.body("rear_left_wheel").pos[1] - model.body("rear_right_wheel").pos[1])
 
 
-def load_calibration() -> Calibration:
-    """`models/robocar/calibration.yaml`, written by the experiment `odometry_calibration`."""
+def load_calibration(camera: bool = False) -> Calibration:
+    """`models/robocar/calibration.yaml`, written by the experiment `odometry_calibration`.
+
+    Args:
+        camera: of the car with its camera's head, whose weight lies ahead of the wheels' middle and makes it turn otherwise.
+    """
     file = MODELS / "robocar" / "calibration.yaml"
     try:
-        content = yaml.safe_load(file.read_text())
+        content = yaml.safe_load(file.read_text())["with_camera" if camera else "without_camera"]
         table = np.array(content["effective_track"], dtype=float)
         radius = float(content["wheel_radius"])
         if table.ndim != 2 or table.shape[1] != 2 or np.any(np.diff(table[:, 0]) <= 0) or np.any(table[:, 1] <= 0):
@@ -128,7 +132,7 @@ def describe(fit_out: FitOut, sensors: SensorParameters, model: mujoco.MjModel) 
     return Robot(
         footprint=footprint(),
         limits=LIMITS,
-        calibration=load_calibration(),
+        calibration=load_calibration(fit_out.camera),
         pulses_per_turn=PULSES_PER_TURN,
         sonars=sonars,
         lidar=lidar,

@@ -311,16 +311,21 @@ def test_a_fitted_car_senses_what_it_carries_and_nothing_else() -> None:
 )
 def test_a_broken_calibration_is_named(content: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "robocar").mkdir()
-    (tmp_path / "robocar" / "calibration.yaml").write_text(content)
+    nested = "".join(f"  {line}\n" for line in content.splitlines())
+    (tmp_path / "robocar" / "calibration.yaml").write_text(f"without_camera:\n{nested}")
     monkeypatch.setattr(car, "MODELS", tmp_path)
     with pytest.raises(ScenarioError, match=r"calibration\.yaml: not a calibration"):
         car.load_calibration()
+    with pytest.raises(ScenarioError, match=r"calibration\.yaml: not a calibration"):
+        car.load_calibration(camera=True)
 
 
-def test_the_shipped_calibration_is_read() -> None:
+@pytest.mark.parametrize("camera", [False, True])
+def test_the_shipped_calibration_is_read(camera: bool) -> None:
     """The file itself, and what a skid-steered car must have: an effective track wider than the geometric one."""
     content = yaml.safe_load((car.MODELS / "robocar" / "calibration.yaml").read_text())
-    calibration = car.load_calibration()
+    content = content["with_camera" if camera else "without_camera"]
+    calibration = car.load_calibration(camera)
     assert calibration.wheel_radius == content["wheel_radius"]
     assert np.column_stack([calibration.curvature, calibration.track]).tolist() == content["effective_track"]
     assert calibration.wheel_radius == pytest.approx(0.042, rel=0.02)
