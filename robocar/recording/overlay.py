@@ -62,7 +62,7 @@ def write_overlay(
     ring = drawing.circle(at, 0.25, drawing.OUTLINE_LAYER)
     stream.log(
         "world/divergence",
-        rr.LineStrips3D([ring], colors=[palette.rgba32(palette.GOAL)], radii=rr.Radius.ui_points(2.0), labels=["they part here"]),
+        rr.LineStrips3D([ring], colors=[palette.rgba32(palette.GOAL)], radii=rr.Radius.ui_points(2.0)),
     )
     page = f"""# {title}
 
