@@ -21,7 +21,9 @@ from matplotlib.transforms import Affine2D
 from planners.a_star import AStar
 from planners.costmap import Parameters, inflate
 from planners.harmonic import Harmonic
-from robocar.core import OCCUPIED, SE2, Array, OccupancyGrid
+from planners.laplace import laplace_problem, solve
+from planners.streamline import streamline
+from robocar.core import OCCUPIED, SE2, Array, Costmap, OccupancyGrid
 from robocar.core.distance import ClearanceField
 from robocar.experiment import Report, run_many
 from robocar.run import RunResult
@@ -33,6 +35,7 @@ NAVIGATORS = {"harmonic": "tab:green", "harmonic-local": "tab:purple", "a-star":
 PLANNERS = {"harmonic": Harmonic, "a-star": AStar}
 QUICK = ("doors", "narrow-gap", "thesis-field")
 SAMPLING = 0.01  # [m] along planned paths
+FINER = 4
 METRICS = {
     "path_length": "m",
     "min_clearance": "m",
@@ -61,6 +64,14 @@ def path_clearance(points: Array, grid: OccupancyGrid) -> Array:
     at = np.linspace(0.0, way[-1], math.ceil(way[-1] / SAMPLING) + 1)
     sampled = np.stack([np.interp(at, way, points[:, k]) for k in range(2)], axis=1)
     return ClearanceField(walled, walled.occupied).points(sampled)
+
+
+def on_finer_cells(costmap: Costmap, start: Array, goal: Array, times: int) -> Array:
+    """The streamline with every cell of the costmap cut into `times` x `times`, (n, 2) [m]."""
+    blocked = np.kron(costmap.blocked, np.ones((times, times), dtype=bool))
+    first, last = (costmap.grid_from_world(point) * times for point in (start, goal))
+    potential = solve(laplace_problem(blocked, np.floor(last[::-1]).astype(int)))
+    return costmap.origin.transform(streamline(potential, first) * (costmap.resolution / times))
 
 
 def main(out: Path, quick: bool = False) -> None:
@@ -114,6 +125,7 @@ def _runs(report: Report, grouped: dict[tuple[str, str], list[RunResult]], seeds
 
 def _plans(report: Report, scenes: dict[str, Scene]) -> None:
     rows = []
+    nearer = []
     larger = 0
     for name, scene in scenes.items():
         if scene.prior is None:
@@ -129,6 +141,14 @@ def _plans(report: Report, scenes: dict[str, Scene]) -> None:
             for what, value in zip(("length", "min_clearance", "mean_clearance"), row[planner], strict=True):
                 report.number(f"{name}/plan/{planner}/{what}", value, "m")
         larger += row["harmonic"][2] > row["a-star"][2]
+        if row["harmonic"][2] <= row["a-star"][2]:
+            finer = on_finer_cells(costmap, scene.start.position, scene.goal.position, FINER)
+            limit = float(path_clearance(finer, scene.prior).mean())
+            report.number(f"{name}/plan/harmonic/mean_clearance_finer", limit, "m")
+            nearer.append(
+                f"On {name}, with cells cut into {FINER} x {FINER}, the streamline's mean is {limit:.3f} m: it is the potential "
+                "that rounds the bends of a lane inside its middle line, not the grid."
+            )
         rows.append((name, *(f"{row['harmonic'][k]:.3f} / {row['a-star'][k]:.3f}" for k in range(3))))
     report.number("all/plans_with_larger_mean_clearance", larger / len(rows) if rows else None, "1", 1.0)
     report.table(
@@ -137,6 +157,8 @@ def _plans(report: Report, scenes: dict[str, Scene]) -> None:
         "First plans on the prior map, harmonic / A*. Clearance is the path's, to the obstacles of that map; its mean is larger "
         f"for harmonic on {larger} of {len(rows)}.",
     )
+    for line in nearer:
+        report.say(line)
 
 
 def _mean(results: list[RunResult], name: str) -> float | None:
