@@ -1,8 +1,9 @@
-"""Harmonic navigation in physics, against A* on the same worlds: way, clearance and smoothness.
+"""Harmonic navigation in physics, against A* and safe-direction on the same worlds: way, clearance and smoothness.
 
-Three navigators that share costmap and pure pursuit: `harmonic` follows the streamline of the potential, `harmonic-local` heads
-down its gradient at every tick, `a-star` follows the shortest path on the inflated costs. Each drives every shipped scenario that
-has a goal, with the scenario's own estimator. Beside the runs, the first plans of both planners are compared on the prior map.
+`harmonic` follows the streamline of the potential, `harmonic-local` heads down its gradient at every tick, `a-star` follows the
+shortest path on the inflated costs; these share costmap and pure pursuit. `safe-direction` knows no map and drives by its sensors
+alone. Each drives every shipped scenario that has a goal, with the scenario's own estimator. Beside the runs, the first plans of
+both planners are compared on the prior map.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ from robocar.scenario import load_scenario, scenario_names
 from robocar.scene import Scene
 from robocar.sim.car import footprint
 
-NAVIGATORS = {"harmonic": "tab:green", "harmonic-local": "tab:purple", "a-star": "tab:blue"}
+NAVIGATORS = {"harmonic": "tab:green", "harmonic-local": "tab:purple", "a-star": "tab:blue", "safe-direction": "tab:red"}
+STYLES = {"harmonic-local": "--", "safe-direction": ":"}
 PLANNERS = {"harmonic": Harmonic, "a-star": AStar}
 QUICK = ("doors", "narrow-gap", "thesis-field")
 SAMPLING = 0.01  # [m] along planned paths
@@ -91,7 +93,7 @@ def main(out: Path, quick: bool = False) -> None:
     _runs(report, grouped, len(seeds))
     _plans(report, scenes)
     report.say(
-        "The comparison with `safe-direction` waits for that navigator. Seed 0 of every case is recorded in `runs`; "
+        "`safe-direction` has no map: where it has to search, it may fail. Seed 0 of every case is recorded in `runs`; "
         "`trajectories.png` shows all seeds over each other."
     )
     report.write()
@@ -176,7 +178,7 @@ def _picture(path: Path, grouped: dict[tuple[str, str], list[RunResult]], scenes
         _draw_world(axis, scene)
         for navigator, color in NAVIGATORS.items():
             for k, result in enumerate(grouped[name, navigator]):
-                style = {"color": color, "ls": "--" if navigator == "harmonic-local" else "-", "lw": 0.9, "alpha": 0.6}
+                style = {"color": color, "ls": STYLES.get(navigator, "-"), "lw": 0.9, "alpha": 0.6}
                 axis.plot(*result.truth.poses[:, :2].T, **style, label=None if k else navigator)
         axis.set_title(name, fontsize=10)
     figure.legend(*axes.flat[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(NAVIGATORS), frameon=False)
