@@ -15,6 +15,8 @@ What the paper leaves open, and how it is decided here:
   looks the same way.
 * D keeps the safe sub-goals that were seen and not visited. Where none of those in sight is left, the robot goes back along the
   points in T to where it saw the best that remains. Where there is none, it is `stuck`.
+* Ends of walls that are seen at too grazing an angle to be sure of are open points too, until it has driven past them: beside a
+  wall that it follows it sees no others.
 * Moving obstacles are not open points themselves; their virtual obstacles are. No way is taken on which a collision is predicted.
   Where no sub-goal is safe the robot waits if nothing comes towards it, else it gets out of the way, whatever the direction.
 * Slip: the heading is corrected on the way.
@@ -25,6 +27,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from enum import Enum
+from itertools import pairwise
 
 import numpy as np
 
@@ -39,6 +42,7 @@ from robocar.core.trace import PLAN_COLOR, Drawable
 _SAME = 0.12  # [m] open points nearer to each other, and places, are one
 _SAME_SIDE = math.cos(math.radians(50.0))  # ... whose free sides look the same way
 _TURN_DELAY = 0.3  # [s] to brake, look up and start
+_PASSED = 0.4  # [m]
 _EVADE = (0.3, 0.5, 0.8, 1.2)  # [m]
 _FLAGS = 2  # scans in a row that have to say that a way is blocked
 _TRIES = 4  # a way that was called free and turned out blocked this often is blocked
@@ -130,6 +134,7 @@ class OperativeCriticalPointBug:
         self.obstacles.forget()
         self._lookout.start()
         self.places: list[Place] = []  # T
+        self._trail: list[Array] = []
         self.subgoals: list[SubGoal] = []  # SG and D
         self.open_points: list[OpenPoint] = []  # OP of the last decision
         self.collisions: list[Collision] = []
@@ -148,6 +153,8 @@ class OperativeCriticalPointBug:
         """While not at the goal: detect obstacles; drive on, or look and decide."""
         if view.fresh:
             self.obstacles.update(view.panorama)
+        if not self._trail or math.dist(self._trail[-1], view.centre) > _SAME:
+            self._trail.append(view.centre)
         seen = self._standing(view, view.panorama)
         if self.leg is not None and self._goes_on(self.leg, seen):
             return To(self.leg.target)
@@ -202,22 +209,22 @@ class OperativeCriticalPointBug:
         panorama = with_virtual(view.panorama, self.collisions) if self.collisions else view.panorama
         p = view.parameters
         self.open_points = find_open_points(panorama, p.range_jump, p.range_std)
-        candidates: list[tuple[float, Array, SubGoal | None]] = []
+        candidates: list[tuple[float, Array, OpenPoint, SubGoal | None]] = []
         for point in self.open_points:
             known = None if self._is_virtual(point) else self._known(point, view)
             target = known.point if known is not None else point.subgoal(view.circle.radius)
             if known is None or known.open:
-                candidates.append((math.dist(target, view.goal.position), target, known))
+                candidates.append((math.dist(target, view.goal.position), target, point, known))
         critical = None
-        for _, target, known in sorted(candidates, key=lambda c: c[0]):
-            if self._visited(target):
+        for _, target, point, known in sorted(candidates, key=lambda c: c[0]):
+            if self._visited(target, point.sure):
                 if known is not None:
                     known.open = False
                 continue
             if not self._fits(view, target, 1.0 + p.gap_tolerance):
                 continue  # D takes what is safe from here; from elsewhere it may be
             if known is not None and known not in self.subgoals:
-                self.subgoals.append(known)
+                self.subgoals.append(known)  # SubGoal has no equality but identity
             if critical is None and self._is_safe(view, target, LegKind.CRITICAL):
                 critical = Leg(LegKind.CRITICAL, target, known)
         return critical
@@ -242,8 +249,10 @@ class OperativeCriticalPointBug:
         """Whether an open point belongs to a virtual obstacle."""
         return any(_beside(point.position, c.start, c.end) < c.obstacle.radius + 0.1 for c in self.collisions)
 
-    def _visited(self, target: Array) -> bool:
-        """Whether T holds the point."""
+    def _visited(self, target: Array, sure: bool) -> bool:
+        """Whether T holds the point; one whose open point was not sure is done with once the robot has passed near it."""
+        if not sure and float(np.min(np.linalg.norm(_array(self._trail) - target, axis=1), initial=math.inf)) < _PASSED:
+            return True
         return any(math.dist(place.point, target) < _SAME for place in self.places)
 
     # -- T and the way back --------------------------------------------------------------------------------------------
@@ -260,18 +269,21 @@ class OperativeCriticalPointBug:
             self._closest, self._surprises = view.goal_distance, 0
 
     def _back(self, view: View) -> Leg | None:
-        """To the place from where the best sub-goal of D was seen, over points that it has been to."""
-        left = [subgoal for subgoal in self.subgoals if subgoal.open]
-        while left:
-            best = min(left, key=lambda subgoal: subgoal.distance)
-            if best.place == self._at or self._visited(best.point):
-                best.open = False  # not to be reached from where it was seen
-                left.remove(best)
-                continue
-            self._wanted = best
-            self._route = self._way(self._at, best.place)
-            return Leg(LegKind.BACK, self.places[self._route[-1]].point)
-        return None
+        """Back to the place from where the best sub-goal of D was seen, over points that it has been to: the one with
+        the shortest way back and on to the goal, as the crow flies."""
+        best, shortest = None, math.inf
+        for subgoal in self.subgoals:
+            if subgoal.open and (subgoal.place == self._at or self._visited(subgoal.point, subgoal.open_point.sure)):
+                subgoal.open = False  # not to be reached from where it was seen
+            if subgoal.open:
+                points = [view.centre, *(self.places[k].point for k in reversed(self._way(self._at, subgoal.place)))]
+                length = sum(math.dist(a, b) for a, b in pairwise([*points, subgoal.point])) + subgoal.distance
+                if length < shortest:
+                    best, shortest = subgoal, length
+        if best is None:
+            return None
+        self._wanted, self._route, self._surprises = best, self._way(self._at, best.place), 0
+        return self._towards_wanted(view)
 
     def _way(self, start: int, end: int) -> list[int]:
         """Places from `start` to `end` in the tree of where it came from, the next one last, `start` not among them."""
@@ -288,7 +300,12 @@ class OperativeCriticalPointBug:
     def _towards_wanted(self, view: View) -> Leg | None:
         """The next leg of the way back; at its end the sub-goal itself."""
         assert self._wanted is not None
-        while self._route and math.dist(self.places[self._route[-1]].point, view.centre) < _SAME:
+        for k, place in enumerate(self._route):  # the farthest place on the way that can be driven to at once
+            point = self.places[place].point
+            if math.dist(point, view.centre) < _SAME or (k < len(self._route) - 1 and self._fits(view, point, 1.0)):
+                self._route = self._route[: k + 1]
+                break
+        if self._route and math.dist(self.places[self._route[-1]].point, view.centre) < _SAME:
             self._route.pop()
         kind = LegKind.BACK if self._route else LegKind.CRITICAL
         target = self.places[self._route[-1]].point if self._route else self._wanted.point
@@ -303,7 +320,11 @@ class OperativeCriticalPointBug:
 
     def _goal_way_is_free(self, view: View) -> bool:
         """Line 6: no obstacle in the direction of the goal, and no gap on the way there that is too narrow."""
-        return view.goal_in_sight() and self._surprises < _TRIES and not self._narrow(view, view.goal.position, 1.05)
+        return (
+            view.goal_in_sight()
+            and self._surprises < _TRIES
+            and not self._narrow(view, view.goal.position, 1.0 + view.parameters.gap_tolerance)
+        )
 
     def _fits(self, view: View, target: Array, share: float) -> bool:
         """Whether the robot can drive straight to `target`, stand there, and passes only gaps wider than 2 r times `share`."""
@@ -359,8 +380,8 @@ class OperativeCriticalPointBug:
             free = view.goal_in_sight() and not self._narrow(view, leg.target, 1.0)
         elif leg.kind is LegKind.CRITICAL:
             free = self._fits(view, leg.target, 1.0)
-        else:
-            free = view.free_way(view.heading_to(leg.target), left, view.circle.driving) >= left - _SAME
+        else:  # where it has been already, or in a hurry: only what stops it counts
+            free = True
         leg.flags = 0 if free else leg.flags + 1
         if leg.flags >= _FLAGS:
             self._surprised(leg)

@@ -7,7 +7,8 @@ What the paper leaves open, and how it is decided here:
 
 * Noise, and walls seen at a grazing angle, whose range jumps from beam to beam with no end in sight: a jump is an open point only
   if the far reading lies beyond what a straight continuation of the near surface predicts, by four standard deviations. Along a
-  straight surface 1 / range is a linear combination of the bearing's cosine and sine, so the prediction is a linear fit.
+  straight surface 1 / range is a linear combination of the bearing's cosine and sine, so the prediction is a linear fit. Where
+  the reading agrees with the prediction the surface may go on, or end: such points are kept, marked as not `sure`.
 * Where between the last beam on the obstacle and the first off it the end lies: half-way, on the continuation of the surface.
 * Lost beams (nan) are skipped; where more than two in a row are missing, what lies between is unknown and makes no open point.
 """
@@ -38,7 +39,7 @@ class VirtualCircle:
     Args:
         radius: half the distance of these points and the safety constant, r [m].
         body: without the safety constant [m].
-        driving: half the width of what the robot sweeps driving straight, and the safety constant [m].
+        driving: half the width of what the robot sweeps driving straight, and half the safety constant [m].
         offset: robot_from_centre, x and y [m]; the length is the paper's AC.
     """
 
@@ -57,7 +58,7 @@ class VirtualCircle:
         # Of a body that is not symmetric some corner may lie outside the circle over its longest diagonal.
         body = float(np.linalg.norm(corners - middle, axis=1).max())
         half = float(np.abs(corners[:, 1] - middle[1]).max())
-        return cls(body + safety_constant, body, half + safety_constant, (float(middle[0]), float(middle[1])))
+        return cls(body + safety_constant, body, half + 0.5 * safety_constant, (float(middle[0]), float(middle[1])))
 
     def centre(self, pose: SE2) -> Array:
         """Where the circle is, (2,) [m]."""
@@ -113,12 +114,14 @@ class OpenPoint:
     Args:
         position: (2,) [m]; bearing [rad] and range [m] from the sensor.
         side: +1 where the free side is counter-clockwise of it (obstacle, then open), -1 where it is clockwise.
+        sure: False where the surface may as well go on, seen at too grazing an angle to tell.
     """
 
     position: Array
     bearing: float
     range: float
     side: int
+    sure: bool = True
 
     @property
     def normal(self) -> Array:
@@ -259,7 +262,8 @@ def find_open_points(panorama: Panorama, range_jump: float, range_std: float) ->
     found = _jumps(bearings, ranges, panorama.max_range, apart, range_jump, range_std, panorama.thin)
     x, y = panorama.origin
     return [
-        OpenPoint(frozen_array([x + d * math.cos(b), y + d * math.sin(b)]), float(b), float(d), int(side)) for b, d, side in found
+        OpenPoint(frozen_array([x + d * math.cos(b), y + d * math.sin(b)]), float(b), float(d), int(side), bool(sure > 0.0))
+        for b, d, side, sure in found
     ]
 
 
@@ -267,11 +271,12 @@ def find_open_points(panorama: Panorama, range_jump: float, range_std: float) ->
 def _jumps(
     bearings: Array, ranges: Array, max_range: float, apart: float, jump: float, std: float, thin: bool
 ) -> NDArray[np.float64]:
-    """Bearing, range and side of each open point, (k, 3). `ranges` without nan, inf where nothing is."""
+    """Bearing, range, side and sureness of each open point, (k, 4). `ranges` without nan, inf where nothing is."""
     n = len(ranges)
-    found = np.empty((n, 3))
+    found = np.empty((n, 4))
     count = 0
-    fit_b, fit_u = np.empty(_FIT), np.empty(_FIT)
+    fit_b, fit_r = np.empty(_FIT), np.empty(_FIT)
+    straight, expected, spread, half = True, 0.0, 0.0, 0.0
     for i in range(n):
         j = (i + 1) % n
         between = (bearings[j] - bearings[i]) % (2.0 * math.pi)
@@ -284,45 +289,55 @@ def _jumps(
         near, d, far = (i, near_i, near_j) if side == 1 else (j, near_j, near_i)
         if d <= 0.0:
             continue
+        sure = 1.0
         edge, at = bearings[near] + 0.5 * side * between, d
         if thin:
-            # The surface up to the jump, from the last beam backwards.
-            m, k, previous = 0, near, d
-            while m < _FIT:
-                r = ranges[k]
-                if not (0.0 < r < math.inf) or abs(r - previous) > jump:
+            # The surface up to the jump, from the last beam backwards: as many beams as lie on one straight line.
+            m, k = 0, near
+            while m < min(_FIT, n):
+                if not 0.0 < ranges[k] < math.inf:
                     break
-                fit_b[m], fit_u[m] = (bearings[k] - bearings[near] + math.pi) % (2.0 * math.pi) - math.pi, 1.0 / r
-                if abs(fit_b[m]) > _FIT * apart:
+                fit_b[m] = (bearings[k] - bearings[near] + math.pi) % (2.0 * math.pi) - math.pi
+                fit_r[m] = ranges[k]
+                if abs(fit_b[m]) > m * apart:
                     break
-                m, k, previous = m + 1, (k - side) % n, r
+                m, k = m + 1, (k - side) % n
+            while m >= 2:
+                straight, expected, spread, half = _continued(fit_b[:m], fit_r[:m], side * between, std)
+                if straight:
+                    break
+                m -= 1
             if m >= 2:
-                expected, spread, half = _continued(fit_b[:m], fit_u[:m], side * between)
-                limit = expected - _SIGMAS * spread * std / (d * d)
-                if not 1.0 / far < limit:
-                    continue  # the surface goes on, or may well do so
+                noise = _SIGMAS * math.hypot(spread, std / (far * far))
+                if 1.0 / far > expected + noise or (far >= max_range and expected < 1.0 / far):
+                    continue  # the surface goes on, or bends towards the sensor
+                sure = 1.0 if 1.0 / far < expected - noise else 0.0
                 if m >= 3 and half > 0.0:
                     at = min(max(1.0 / half, d - 3.0 * std), 0.5 * (d + 1.0 / max(expected, 1e-6)) + 3.0 * std, far)
-        found[count, 0], found[count, 1], found[count, 2] = edge, at, side
+        found[count, 0], found[count, 1], found[count, 2], found[count, 3] = edge, at, side, sure
         count += 1
     return found[:count]
 
 
 @njit(cache=True)
-def _continued(b: Array, u: Array, at: float) -> tuple[float, float, float]:
-    """A straight surface u = p cos b + q sin b through (b, u), continued to bearing `at`: its value there, that value's standard
-    deviation for noise of 1 in u, and its value half-way."""
+def _continued(b: Array, r: Array, at: float, std: float) -> tuple[bool, float, float, float]:
+    """A straight surface 1 / r = p cos b + q sin b through beams (b, r), continued to bearing `at`: whether they lie on one
+    within their noise, its 1 / r there, that value's standard deviation, and its 1 / r half-way."""
     cc = cs = ss = cu = su = 0.0
     for k in range(len(b)):
-        c, s = math.cos(b[k]), math.sin(b[k])
-        cc, cs, ss, cu, su = cc + c * c, cs + c * s, ss + s * s, cu + c * u[k], su + s * u[k]
+        c, s, w = math.cos(b[k]), math.sin(b[k]), r[k] ** 4  # the noise of 1 / r is std / r^2
+        cc, cs, ss, cu, su = cc + w * c * c, cs + w * c * s, ss + w * s * s, cu + w * c / r[k], su + w * s / r[k]
     det = cc * ss - cs * cs
-    if det < 1e-12:
-        return u[0], 1.0, u[0]
+    if det <= 1e-12 * (cc + ss) ** 2:
+        return True, 1.0 / r[0], std / (r[0] * r[0]), 1.0 / r[0]
     p, q = (ss * cu - cs * su) / det, (cc * su - cs * cu) / det
+    straight = True
+    for k in range(len(b)):
+        off = abs(1.0 / r[k] - p * math.cos(b[k]) - q * math.sin(b[k]))
+        straight = straight and off <= _SIGMAS * max(std, 1e-3) / (r[k] * r[k])
     c, s = math.cos(at), math.sin(at)
-    spread = math.sqrt(max(0.0, (ss * c * c - 2.0 * cs * c * s + cc * s * s) / det) + 1.0)
-    return p * c + q * s, spread, p * math.cos(0.5 * at) + q * math.sin(0.5 * at)
+    spread = std * math.sqrt(max(0.0, (ss * c * c - 2.0 * cs * c * s + cc * s * s) / det))
+    return straight, p * c + q * s, spread, p * math.cos(0.5 * at) + q * math.sin(0.5 * at)
 
 
 @njit(cache=True)

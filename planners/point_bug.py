@@ -56,7 +56,8 @@ class PointBug:
     def _candidates(self, view: View, panorama: Panorama) -> Array:
         """Sub-goals of what is seen, (n, 2) [m]."""
         p = view.parameters
-        self.open_points = find_open_points(panorama, p.range_jump, p.range_std)
+        found = find_open_points(panorama, p.range_jump, p.range_std)
+        self.open_points = [point for point in found if point.sure] or found
         return np.array([point.subgoal(view.circle.radius) for point in self.open_points]).reshape(-1, 2)
 
     def choose(self, view: View, candidates: Array) -> Array | None:
