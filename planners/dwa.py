@@ -18,7 +18,8 @@ from planners import costmap as layered
 from planners.costmap import safe_cost
 from planners.grid_search import LazyTrace
 from planners.outlines import Outlines, View
-from planners.pure_pursuit import STOPPING_SHARE
+from planners.steering import SLOWEST, Steering
+from planners.steering import Parameters as SteeringParameters
 from planners.trajectory_costs import (
     COLLIDES,
     COST,
@@ -39,8 +40,6 @@ from robocar.core import (
     Command,
     Context,
     Costmap,
-    Drive,
-    GiveUp,
     Goal,
     Lines,
     Observation,
@@ -48,12 +47,10 @@ from robocar.core import (
     Points,
     Robot,
     Trace,
-    Twist,
 )
 
-_SLOW = 0.05  # [m/s] the term 1 / v^2 of eq. 6 grows no further below, and 1 is its value here: turning on the spot may be best
-_DRAWN = 60  # candidates in the recording
-_DRAW_PERIOD = 0.5  # [s]
+DRAWN = 60  # candidates in the recording
+DRAW_PERIOD = 0.5  # [s]
 LOCAL_COLOR = (44, 160, 44)
 
 
@@ -66,19 +63,14 @@ class Parameters:
         vx_samples, vtheta_samples: of speed and turning rate.
         sim_time, sim_granularity: how far ahead twists are driven, in which steps [s].
         window: the time in which a twist must be reachable, the t of eq. 4 [s].
-        max_vel_x: at most the car's own [m/s].
         cost_scale, goal_distance_scale, path_distance_scale, slowness_scale: a to d of eq. 6. Its terms are made comparable: the
             mean cost of the cells crossed by the highest, distances by the way that the car makes at most in `sim_time`, 1 / v^2
-            by its value at 0.05 m/s. With equal a and b a trajectory costs what `grid_search` says of a path, less what is left.
+            by its value at 0.05 m/s, below which it grows no further, so that turning on the spot may be best. With equal a and
+            b a trajectory costs what `grid_search` says of a path, less what it brings the car nearer.
         heading_scale, clearance_scale, velocity_scale: a to c of eq. 5.
         lookahead_dist: along the path, to the local goal, or as far as it is in sight [m].
         forward_point_distance: the point that is to come near to the local goal lies this far ahead of the car's centre, so that
             it turns there too [m].
-        rotate_to_heading_min_angle: where the path leads away by more, the car turns to it on the spot [rad].
-        rotate_to_heading_angular_vel: at most so fast [rad/s].
-        approach_deceleration: towards the goal [m/s^2].
-        footprint_padding: kept free around the outline where there is room for it [m].
-        failure_tolerance: how long the car stands where no twist will do, before it says so [s].
     """
 
     scoring: str = "cost"
@@ -87,7 +79,6 @@ class Parameters:
     sim_time: float = 2.0
     sim_granularity: float = 0.1
     window: float = 0.5
-    max_vel_x: float = 0.4
     cost_scale: float = 0.5
     goal_distance_scale: float = 1.0
     path_distance_scale: float = 0.5
@@ -97,11 +88,6 @@ class Parameters:
     velocity_scale: float = 0.3
     lookahead_dist: float = 1.0
     forward_point_distance: float = 0.15
-    rotate_to_heading_min_angle: float = 0.785
-    rotate_to_heading_angular_vel: float = 1.2
-    approach_deceleration: float = 0.4
-    footprint_padding: float = 0.02
-    failure_tolerance: float = 0.3
 
     def __post_init__(self) -> None:
         if self.scoring not in ("cost", "objective"):
@@ -110,7 +96,7 @@ class Parameters:
             if not 1 <= getattr(self, name) <= 1000:
                 raise ValueError(f"{name} must be from 1 to 1000, not {getattr(self, name)}")
         zero_is_fine = {n for n in self.__dataclass_fields__ if n.endswith("_scale")}
-        zero_is_fine |= {"forward_point_distance", "rotate_to_heading_min_angle", "footprint_padding", "failure_tolerance"}
+        zero_is_fine |= {"forward_point_distance"}
         for name in self.__dataclass_fields__:
             value = getattr(self, name)
             if isinstance(value, str) or name.endswith("_samples"):
@@ -125,6 +111,9 @@ class Parameters:
 class DynamicWindow:
     """Local planner. It never drives backwards, where few sensors look: `planners.recovery` backs up where nothing else helps.
 
+    Args:
+        inflation: how the costmaps are inflated, if it is known; then the outline is checked near obstacles only.
+
     Raises:
         ValueError: the robot's limits are zero, crossed or not finite.
     """
@@ -134,22 +123,14 @@ class DynamicWindow:
         robot: Robot,
         control_period: float,
         parameters: Parameters | None = None,
+        steering: SteeringParameters | None = None,
         inflation: layered.Parameters | None = None,
     ) -> None:
-        """`inflation`: how the costmaps are inflated, if it is known; then the outline is checked near obstacles only."""
         self.parameters = p = parameters or Parameters()
-        limits = robot.limits
-        for name in ("max_vel_x", "max_vel_theta", "acc_lim_x", "acc_lim_theta"):
-            if not 0.0 < getattr(limits, name) < math.inf:
-                raise ValueError(f"the robot's {name} must be positive, not {getattr(limits, name)}")
-        if not limits.min_vel_x <= limits.max_vel_x:
-            raise ValueError(f"the robot's min_vel_x {limits.min_vel_x} lies above its max_vel_x {limits.max_vel_x}")
-        self._limits, self._dt, self._inflation = limits, control_period, inflation
-        self._fastest = min(p.max_vel_x, limits.max_vel_x)
-        self._footprint = robot.footprint
-        self._resolution, self._safe_cost = math.nan, 0.0
+        self._steering = Steering(robot, control_period, steering or SteeringParameters())
+        self._footprint, self._inflation = robot.footprint, inflation
         self._steps = max(1, round(p.sim_time / p.sim_granularity))
-        self._outlines = Outlines(robot.footprint, p.footprint_padding)
+        self._outlines = Outlines(robot.footprint, self._steering.parameters.footprint_padding)
         self._follower = PathFollower()
         self._forget()
         # Compiled here, not in the control loop: choosing, turning to the path and at the goal, and drawing.
@@ -165,9 +146,7 @@ class DynamicWindow:
 
     def _forget(self) -> None:
         self._follower.forget()
-        self._last, self._last_time = Twist(), -math.inf
-        self._turning = False
-        self._stuck_since: float | None = None
+        self._steering.forget()
         self._drawn_at = -math.inf
 
     def command(
@@ -179,51 +158,32 @@ class DynamicWindow:
             path: to follow; None is the straight way to the goal.
             costmap: obstacles; None is a world without.
         """
-        p, pose, time = self.parameters, belief.pose, observation.time
-        if time - self._last_time > 1.5 * self._dt:
-            self._last = Twist()  # somebody else has driven, and brought the car to a halt
-        self._last_time = time
+        p, pose = self.parameters, belief.pose
+        self._steering.resume(observation.time)
         views = self._outlines.views(costmap, pose)
-        if self._inflation is not None and views[0].resolution != self._resolution:
-            self._resolution = views[0].resolution
-            self._safe_cost = safe_cost(self._inflation, self._footprint, self._resolution)
-        if math.hypot(goal.position[0] - pose.x, goal.position[1] - pose.y) <= STOPPING_SHARE * goal.xy_goal_tolerance:
-            return self._align(views, pose, goal)
+        if (arrival := self._steering.at_goal(views, pose, goal)) is not None:
+            return arrival
         local = self._follower.ahead(path, goal.position, costmap, views[0], p.lookahead_dist, 2.0 * p.forward_point_distance)
-        if self._turns(local.bearing):
-            for view in views:
-                for angle in (local.bearing, local.bearing - math.copysign(math.tau, local.bearing)):
-                    if view.free_turn(angle):
-                        return self._drive(0.0, self._turning_speed(angle))
+        if (turn := self._steering.to_path(views, local.bearing)) is not None:
+            return turn
         for view in views:
             samples = self._window(local, view)
             scores = self._score(view, local, samples)
             best = int(np.argmin(scores))
             if scores[best] < math.inf:
-                self._stuck_since = None
-                trace = self._trace(view, local, samples, scores, best, costmap, time)
-                return self._drive(samples[best, 0] * view.resolution, samples[best, 1], trace)
-        if self._stuck_since is None:
-            self._stuck_since = time
-        if time - self._stuck_since >= p.failure_tolerance:
-            self._stuck_since = None
-            return GiveUp("no admissible velocity: everything in reach collides", "stuck")
-        return self._drive(0.0, 0.0)
-
-    def _turns(self, bearing: float) -> bool:
-        """Whether the car turns to its path on the spot: it goes on doing so until it is nearly there."""
-        self._turning = abs(bearing) > (0.2 if self._turning else self.parameters.rotate_to_heading_min_angle)
-        return self._turning
+                self._steering.found()
+                trace = self._trace(view, local, samples, scores, best, costmap, observation.time)
+                return self._steering.drive(samples[best, 0] * view.resolution, samples[best, 1], trace)
+        return self._steering.stuck(observation.time)
 
     def _window(self, local: LocalPath, view: View) -> Array:
         """The twists of V_s and V_d, (vx_samples * vtheta_samples, 2) [cells/s, rad/s]."""
-        p, limits = self.parameters, self._limits
-        # Braking at approach_deceleration ends at the goal.
-        fastest = min(self._fastest, max(_SLOW, math.sqrt(2.0 * p.approach_deceleration * local.left * view.resolution)))
+        p, limits, last = self.parameters, self._steering.limits, self._steering.last
+        fastest = self._steering.approach_speed(local.left * view.resolution)
         v_reach, w_reach = limits.acc_lim_x * p.window, limits.acc_lim_theta * p.window
-        low_v, high_v = max(0.0, self._last.v - v_reach), min(fastest, self._last.v + v_reach)
-        low_w = max(-limits.max_vel_theta, self._last.omega - w_reach)
-        high_w = min(limits.max_vel_theta, self._last.omega + w_reach)
+        low_v, high_v = max(0.0, last.v - v_reach), min(fastest, last.v + v_reach)
+        low_w = max(-limits.max_vel_theta, last.omega - w_reach)
+        high_w = min(limits.max_vel_theta, last.omega + w_reach)
         speeds = np.linspace(max(high_v, low_v), low_v, p.vx_samples)
         turns = np.linspace(low_w, high_w, p.vtheta_samples)
         turns[np.argmin(np.abs(turns))] = 0.0  # straight on is among them
@@ -239,68 +199,47 @@ class DynamicWindow:
         # Close to the goal the car's centre itself is to arrive.
         forward = p.forward_point_distance * min(1.0, max(0.0, distance / p.lookahead_dist - 0.2) / 0.3)
         outline = view.outline if view.outline is not None else np.empty((0, 2))
+        safe = 0.0 if self._inflation is None else safe_cost(self._inflation, self._footprint, r)
+        fastest, limits = self._steering.fastest, self._steering.limits
         terms = rollouts(
             view.costs, self._start(view), self._accelerations(view), samples, p.sim_granularity, self._steps, outline,
-            self._footprint.circumscribed_radius / r, self._safe_cost, local.points, local.goal, forward / r,
+            self._footprint.circumscribed_radius / r, safe, local.points, local.goal, forward / r,
         )  # fmt: skip
         v, w = samples[:, 0] * r, np.abs(samples[:, 1])
-        reach = self._fastest * p.sim_time
+        reach = fastest * p.sim_time
         hit = terms[:, COLLIDES] > 0.0
         if p.scoring == "cost":  # eq. 6
             scores = (
                 p.cost_scale * terms[:, COST] / 252.0
                 + p.goal_distance_scale * terms[:, GOAL] * r / reach
                 + p.path_distance_scale * terms[:, PATH] * r / reach
-                + p.slowness_scale * (_SLOW / np.maximum(v, _SLOW)) ** 2
+                + p.slowness_scale * (SLOWEST / np.maximum(v, SLOWEST)) ** 2
             )
             scores[hit] = math.inf  # "discarded"
             return scores
         # eq. 5, its sign changed; a trajectory that hits nothing has the largest distance that one can have.
         clearance = np.where(hit, np.minimum(terms[:, TRAVELLED] * r / reach, 1.0), 1.0)
         objective = (
-            p.heading_scale * (1.0 - terms[:, HEADING] / math.pi)
-            + p.velocity_scale * v / self._fastest
-            + p.clearance_scale * clearance
+            p.heading_scale * (1.0 - terms[:, HEADING] / math.pi) + p.velocity_scale * v / fastest + p.clearance_scale * clearance
         )
         # eq. 3: it can stop, straight and turning, before it hits.
-        stops = v <= np.sqrt(2.0 * terms[:, TRAVELLED] * r * self._limits.acc_lim_x)
-        stops &= w <= np.sqrt(2.0 * terms[:, TURNED] * self._limits.acc_lim_theta)
+        stops = v <= np.sqrt(2.0 * terms[:, TRAVELLED] * r * limits.acc_lim_x)
+        stops &= w <= np.sqrt(2.0 * terms[:, TURNED] * limits.acc_lim_theta)
         return np.where(hit & ~stops, math.inf, -objective)
 
     def _start(self, view: View) -> Array:
-        return np.array([view.x, view.y, view.theta, self._last.v / view.resolution, self._last.omega])
+        last = self._steering.last
+        return np.array([view.x, view.y, view.theta, last.v / view.resolution, last.omega])
 
     def _accelerations(self, view: View) -> Array:
-        return np.array([self._limits.acc_lim_x / view.resolution, self._limits.acc_lim_theta])
-
-    def _turning_speed(self, angle: float) -> float:
-        """Towards what lies `angle` [rad] away, slow enough to stop there [rad/s]."""
-        fastest = min(self.parameters.rotate_to_heading_angular_vel, self._limits.max_vel_theta)
-        return math.copysign(min(fastest, math.sqrt(self._limits.acc_lim_theta * abs(angle))), angle)
-
-    def _align(self, views: list[View], pose: SE2, goal: Goal) -> Drive:
-        """At the goal: stand, or turn to its heading."""
-        turn = 0.0 if goal.heading is None else math.remainder(goal.heading - pose.theta, math.tau)
-        if abs(turn) <= STOPPING_SHARE * goal.yaw_goal_tolerance:
-            return self._drive(0.0, 0.0)
-        other = turn - math.copysign(math.tau, turn)
-        if not views[-1].free_turn(turn) and views[-1].free_turn(other):
-            turn = other
-        return self._drive(0.0, self._turning_speed(turn))
-
-    def _drive(self, v: float, omega: float, trace: Trace | None = None) -> Drive:
-        """The wanted twist within the accelerations of one control period [m/s, rad/s]."""
-        last, limits, dt = self._last, self._limits, self._dt
-        v = min(max(v, last.v - limits.acc_lim_x * dt), last.v + limits.acc_lim_x * dt)
-        omega = min(max(omega, last.omega - limits.acc_lim_theta * dt), last.omega + limits.acc_lim_theta * dt)
-        self._last = Twist(v, omega)
-        return Drive(self._last, trace=trace or {})
+        limits = self._steering.limits
+        return np.array([limits.acc_lim_x / view.resolution, limits.acc_lim_theta])
 
     def _trace(
         self, view: View, local: LocalPath, samples: Array, scores: Array, best: int, costmap: Costmap | None, time: float
     ) -> Trace:
         """What the recording shows, twice a second: candidates coloured by cost, the chosen trajectory, the local goal."""
-        if time - self._drawn_at < _DRAW_PERIOD:
+        if time - self._drawn_at < DRAW_PERIOD:
             return {}
         self._drawn_at = time
         origin = SE2() if costmap is None else costmap.origin
@@ -314,7 +253,7 @@ class DynamicWindow:
 
         def candidates() -> Lines:
             good = np.flatnonzero(scores < math.inf)
-            shown: NDArray[np.intp] = good[:: max(1, len(good) // _DRAWN)]
+            shown: NDArray[np.intp] = good[:: max(1, len(good) // DRAWN)]
             return Lines(tuple(trajectories(samples[shown])), values=scores[shown], radius=0.003)
 
         return LazyTrace({
@@ -326,5 +265,10 @@ class DynamicWindow:
 
 def build(context: Context) -> DynamicWindow:
     """The planner for the context's robot, with its parameters."""
-    inflation = context.parameters_of(layered.Parameters)
-    return DynamicWindow(context.robot, context.control_period, context.parameters_of(Parameters), inflation)
+    return DynamicWindow(
+        context.robot,
+        context.control_period,
+        context.parameters_of(Parameters),
+        context.parameters_of(SteeringParameters),
+        context.parameters_of(layered.Parameters),
+    )

@@ -112,12 +112,12 @@ def _nearest(nodes: Array, n: int, frame: Array, heads: NDArray, following: NDAr
             for c in range(col - ring, col + ring + 1, 1 if whole or ring == 0 else 2 * ring):
                 if not 0 <= c < cols:
                     continue
-                i = heads[r, c]
+                i = int(heads[r, c])
                 while i >= 0:
                     squared = (nodes[i, 0] - x) ** 2 + (nodes[i, 1] - y) ** 2
                     if squared < best_squared or (squared == best_squared and i < best):
                         best, best_squared = i, squared
-                    i = following[i]
+                    i = int(following[i])
     return best
 
 

@@ -65,6 +65,7 @@ def _avoid(global_planner: str, local_planner: str, summary: str, paper: str) ->
         parameters=(
             f"{module}:Parameters",
             f"{local}:Parameters",
+            "planners.steering:Parameters",
             "planners.costmap:Parameters",
             "planners.rolling_costmap:Parameters",
             "planners.navigator:Parameters",
@@ -126,6 +127,9 @@ NAVIGATORS: dict[str, Entry] = {
     "rrt-dwa": _avoid("rrt", "dwa", "random tree on the map; Dynamic Window Approach", "Izaty and Lubis, JITET"),
     "rrt-pursuit": _follow("rrt", "random tree on the map, followed by pure pursuit", "Izaty and Lubis, JITET"),
     "a-star-dwa": _avoid("a_star", "dwa", "shortest grid path; Dynamic Window Approach", "Fox, Burgard and Thrun 1997"),
+    "a-star-mppi": _avoid(
+        "a_star", "mppi", "shortest grid path; model predictive path integral control", "Williams, Aldrich and Theodorou 2017"
+    ),
     "theta-star-dwa": _avoid("theta_star", "dwa", "any-angle path; Dynamic Window Approach", "Fox, Burgard and Thrun 1997"),
     "ocpb": _bug(
         "ocpb",
