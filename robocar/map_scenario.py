@@ -101,6 +101,6 @@ def check(path: Path, resolution: float | None) -> str:
     width, height = scene.grid.size
     prior = {"none": "no prior map", "truth": "the map is known"}.get(scenario.prior, f"prior map {scenario.prior}")
     return (
-        f"{path}: scenario, {width:g} x {height:g} m, {prior}, {len(scene.solids)} unknown obstacles, "
+        f"{path}: scenario, {width:g} x {height:g} m, {prior}, {len(scenario.unknown_obstacles)} unknown obstacles, "
         f"{len(scene.movers)} movers, {len(scene.landmarks)} landmarks, at most {scenario.time_limit:g} s"
     )

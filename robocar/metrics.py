@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robocar.core import SE2, Array, Footprint, Goal, OccupancyGrid, frozen_array, wrap_angles
+from robocar.core.discs import disc_geodesic
 from robocar.core.geodesic import geodesic_distance
 
 
@@ -44,6 +45,7 @@ class RunLog:
         goal: or None, for tasks without one.
         wall_time: of the loop, without building the world [s], or None.
         carried: whether an event moved the car since the tick before (`kidnap`), (n,) bool, or None where there is none.
+        discs: x, y and radius of all obstacles, (k, 3) [m], where they are round and stand on an open plane; else None.
     """
 
     time: Array
@@ -63,6 +65,7 @@ class RunLog:
     goal: Goal | None = None
     wall_time: float | None = None
     carried: NDArray[np.bool_] | None = None
+    discs: Array | None = None
 
     def __post_init__(self) -> None:
         n = np.size(self.time)
@@ -85,7 +88,7 @@ def summarize(log: RunLog) -> dict[str, Metric]:
     """All metrics that every run has, in the order of `metrics.json`."""
     truth, twists = log.truth_poses, log.truth_twists
     seconds, length = duration(log.time), path_length(truth, log.carried)
-    shortest = shortest_path_length(log.grid, log.footprint, log.start, log.goal)
+    shortest = shortest_path_length(log.grid, log.footprint, log.start, log.goal, log.discs)
     moving, standing = contacts(log.contact, log.standing)
     values: dict[str, tuple[float | int | None, str]] = {
         "duration": (seconds, "s"),
@@ -128,14 +131,19 @@ def path_length(poses: ArrayLike, carried: ArrayLike | None = None) -> float | N
     return float(np.linalg.norm(_steps(poses, carried)[:, :2], axis=1).sum())
 
 
-def shortest_path_length(grid: OccupancyGrid, footprint: Footprint, start: SE2, goal: Goal | None) -> float | None:
+def shortest_path_length(
+    grid: OccupancyGrid, footprint: Footprint, start: SE2, goal: Goal | None, discs: Array | None = None
+) -> float | None:
     """Geodesic distance from start to goal on the true map for the disc of the footprint's inscribed radius [m].
 
     The footprint contains this disc, so no collision-free run to the goal's position is shorter. None without a goal, or where
     the disc does not fit at an end or finds no way. Anderson et al. (2018), section 3: the length l_i; `robocar.core.geodesic`.
+    Among round obstacles alone, `discs` (k, 3), it is exact and the grid no matter (`robocar.core.discs`).
     """
     if goal is None:
         return None
+    if discs is not None:
+        return _finite(disc_geodesic(discs, start.position, goal.position, footprint.inscribed_radius))
     length = geodesic_distance(grid, grid.occupied, start.position, goal.position, footprint.inscribed_radius)
     return _finite(length)
 

@@ -232,7 +232,7 @@ def _simulation(scene: Scene, seed: int) -> Simulation:
         sensors=robot.sensors,
         physics=robot.physics,
         clearance=scene.clearance,
-        movers=[MovingObstacle(mover, stream(seed, f"mover/{mover.name}"), scene.room) for mover in scene.movers],
+        movers=[MovingObstacle(mover, stream(seed, f"mover/{mover.name}"), scene.clearance) for mover in scene.movers],
     )
 
 
@@ -314,6 +314,7 @@ def _result(
         replans=episode.replans,
         status=episode.status,
         grid=scene.true_grid,
+        discs=scene.only_discs,
         footprint=car.robot.footprint,
         start=scene.start,
         goal=goal,

@@ -16,19 +16,24 @@ from robocar.core import (
     Goal,
     GoalOccupied,
     Landmark,
+    MapFormatError,
     OccupancyGrid,
     OutsideMap,
     RobocarError,
     ScenarioError,
     StartOccupied,
 )
+from robocar.core.discs import Discs
 from robocar.core.distance import ClearanceField, polygon_distance
-from robocar.core.solids import Solid
-from robocar.formats import load_map
+from robocar.core.solids import Box, Cylinder, Solid
+from robocar.formats import file_kind, load_barn_world, load_map
 from robocar.scenario import Scenario, goal_heading, pose_of
 from robocar.sim import world
 from robocar.sim.movers import Mover
 from robocar.sim.simulation import World
+
+BARN_RESOLUTION = 0.05  # [m] cells of the map of a world of cylinders, unless the scenario says otherwise: a third of its lattice
+FLOOR = 1.0  # [m] that such a map shows around start and goal, where they lie outside
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,8 @@ class Scene:
         scenario: as written.
         grid: the map that physics is built from.
         prior: the map that the robot is given, or None.
-        solids: obstacles that stand in the world but not on the prior.
+        solids: obstacles that stand in the world but not on the prior; of a world of cylinders (BARN) the cylinders too, which
+            a prior `truth` shows in the cells that they cover.
         landmarks: coloured balls.
         start: true world_from_robot at the beginning.
         goal: or None.
@@ -61,11 +67,11 @@ class Scene:
             MapFormatError: a map cannot be read.
             StartOccupied, GoalOccupied, OutsideMap, ScenarioError: something lies where it must not.
         """
-        grid = load_map(scenario.file("map"), scenario.resolution)
+        grid, pillars, drawn = _load_world(scenario)
         if scenario.prior == "none":
             prior = None
         elif scenario.prior == "truth":
-            prior = grid
+            prior = drawn
         else:
             prior = load_map(scenario.file("prior"), scenario.resolution)
         goal = None
@@ -80,7 +86,7 @@ class Scene:
             scenario,
             grid,
             prior,
-            tuple(obstacle.solid() for obstacle in scenario.unknown_obstacles),
+            (*(obstacle.solid() for obstacle in scenario.unknown_obstacles), *pillars),
             _landmarks(scenario),
             pose_of(scenario.start),
             goal,
@@ -103,16 +109,12 @@ class Scene:
 
     def clearance(self, polygon: Array) -> float:
         """Distance from a convex polygon (n, 2) to the nearest wall or solid, 0 where they overlap [m]."""
-        nearest = float(self._walls.footprint(polygon))
+        nearest = min(float(self._walls.footprint(polygon)), self._discs.distance(polygon))
+        reach = max(math.dist(polygon[0], corner) for corner in polygon)
         for outline, centre, radius in self._outlines:
-            if math.dist(centre, polygon[0]) - radius < nearest + 1.0:  # farther ones cannot be the nearest
+            if math.dist(centre, polygon[0]) - radius - reach < nearest:
                 nearest = min(nearest, polygon_distance(polygon, outline))
         return nearest
-
-    def room(self, polygon: Array) -> float:
-        """`clearance`, for polygons larger than the car too."""
-        nearest = float(self._walls.footprint(polygon))
-        return min([nearest, *(polygon_distance(polygon, outline) for outline, *_ in self._outlines)])
 
     @cached_property
     def movers(self) -> tuple[Mover, ...]:
@@ -121,7 +123,20 @@ class Scene:
 
     @cached_property
     def _outlines(self) -> list[tuple[Array, tuple[float, float], float]]:
-        return [(solid.outline(), (solid.pose.x, solid.pose.y), solid.radius) for solid in self.solids]
+        """Of the boxes, with their centres and the radii around them."""
+        boxes = [solid for solid in self.solids if isinstance(solid, Box)]
+        return [(box.outline(), (box.pose.x, box.pose.y), box.radius) for box in boxes]
+
+    @cached_property
+    def _discs(self) -> Discs:
+        """The cylinders, which are round: a polygon in their place would be felt before it is touched."""
+        return Discs([(c.pose.x, c.pose.y, c.radius) for c in self.solids if isinstance(c, Cylinder)])
+
+    @cached_property
+    def only_discs(self) -> Array | None:
+        """x, y and radius of all obstacles, (n, 3) [m], where the world is open and holds nothing but cylinders; else None."""
+        bare = self.scenario.border == "open" and not self.grid.occupied.any() and not self._outlines
+        return self._discs.array if bare else None
 
     @cached_property
     def true_grid(self) -> OccupancyGrid:
@@ -163,7 +178,7 @@ class Scene:
 
     def _check(self, footprint: Footprint) -> None:
         where = f"scenario {self.scenario.name}"
-        for i, solid in enumerate(self.solids):
+        for i, solid in enumerate(self.solids[: len(self.scenario.unknown_obstacles)]):
             self._check_inside(solid.pose.position, f"{where}: unknown_obstacles.{i}")
         self._check_pose(footprint, self.start, f"{where}: start", StartOccupied)
         for event in self.scenario.events:
@@ -185,7 +200,7 @@ class Scene:
         if polygon_distance(mover.outline(start), footprint.at(self.start)) <= mover.radius:
             raise ScenarioError(f"{what} stands at ({start.x:g}, {start.y:g}), where the car starts")
         for a, b, swept, radius in mover.sweeps():
-            if self.room(swept) <= radius:
+            if self.clearance(swept) <= radius:
                 leg = f"({a.x:g}, {a.y:g}) and ({b.x:g}, {b.y:g})"
                 raise ScenarioError(f"{what} hits a wall or an obstacle between {leg}; lead it through free cells")
 
@@ -219,6 +234,25 @@ class Scene:
         spot = Footprint.circle(footprint.inscribed_radius).at(SE2(float(x), float(y)))
         if self.clearance(spot) == 0.0:
             raise GoalOccupied(f"{what} ({x:g}, {y:g}) is too tight: an unknown obstacle or the border stands there")
+
+
+def _load_world(scenario: Scenario) -> tuple[OccupancyGrid, tuple[Solid, ...], OccupancyGrid]:
+    """The grid of walls, the cylinders, and the map that shows both: of a BARN world the first is empty."""
+    path = scenario.file("map")
+    if file_kind(path) != "barn_world":
+        grid = load_map(path, scenario.resolution)
+        return grid, (), grid
+    barn = load_barn_world(path)
+    ends = [pose_of(scenario.start).position, *([] if scenario.goal is None else [np.array(scenario.goal[:2])])]
+    corners = np.concatenate([barn.cylinders[:, :2] - barn.cylinders[:, 2:], barn.cylinders[:, :2] + barn.cylinders[:, 2:]])
+    low = np.min([corners.min(axis=0), *(end - FLOOR for end in ends)], axis=0)
+    high = np.max([corners.max(axis=0), *(end + FLOOR for end in ends)], axis=0)
+    try:
+        drawn = barn.grid(scenario.resolution or BARN_RESOLUTION, (*low.tolist(), *high.tolist()))
+    except MapFormatError as failure:
+        raise MapFormatError(f"{path}: {failure}") from failure
+    floor = OccupancyGrid(np.zeros_like(drawn.data), drawn.resolution, drawn.origin)
+    return floor, tuple(Cylinder(r, scenario.wall_height, SE2(x, y)) for x, y, r in barn.cylinders.tolist()), drawn
 
 
 def _landmarks(scenario: Scenario) -> tuple[Landmark, ...]:

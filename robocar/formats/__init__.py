@@ -12,6 +12,7 @@ from robocar.formats.barn import (
     load_barn_index,
     load_barn_paths,
     load_barn_world,
+    save_barn_world,
 )
 from robocar.formats.check import FileReport, check_file
 from robocar.formats.load import file_kind, load_map
@@ -44,6 +45,7 @@ __all__ = [
     "parse_text_grid",
     "read_ros_yaml",
     "read_tum",
+    "save_barn_world",
     "save_ros_map",
     "write_tum",
 ]

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robocar.core import FREE, OCCUPIED, SE2, Array, MapFormatError, OccupancyGrid, frozen_array
+from robocar.core import FREE, OCCUPIED, SE2, Array, MapFormatError, OccupancyGrid, OutputError, frozen_array
 from robocar.formats.files import PathLike, check_cells, check_resolution, gunzip, read_bytes, read_text
 
 CELL_SIZE = 0.15
@@ -270,3 +270,30 @@ def _numbered(path: PathLike, prefix: str) -> dict[int, NDArray]:
     if not arrays:
         raise MapFormatError(f"{path}: holds no array {prefix}_<number>")
     return {int(name.removeprefix(f"{prefix}_")): array for name, array in arrays.items()}
+
+
+def save_barn_world(path: PathLike, world: BarnWorld, height: float = 0.30) -> None:
+    """Write the cylinders as a Gazebo world (SDF), which `load_barn_world` reads back number by number.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    sdf = ElementTree.Element("sdf", version="1.6")
+    root = ElementTree.SubElement(sdf, "world", name="default")
+    for model in _HARMLESS_MODELS:
+        ElementTree.SubElement(ElementTree.SubElement(root, "include"), "uri").text = f"model://{model}"
+    for k, (x, y, radius) in enumerate(world.cylinders.tolist()):
+        model = ElementTree.SubElement(root, "model", name=f"cylinder_{k}")
+        ElementTree.SubElement(model, "pose").text = f"{x!r} {y!r} {height / 2!r} 0 0 0"
+        ElementTree.SubElement(model, "static").text = "true"
+        link = ElementTree.SubElement(model, "link", name="link")
+        for part in ("collision", "visual"):
+            geometry = ElementTree.SubElement(ElementTree.SubElement(link, part, name=part), "geometry")
+            cylinder = ElementTree.SubElement(geometry, "cylinder")
+            ElementTree.SubElement(cylinder, "radius").text = repr(radius)
+            ElementTree.SubElement(cylinder, "length").text = repr(height)
+    ElementTree.indent(sdf, " ")
+    try:
+        ElementTree.ElementTree(sdf).write(path, encoding="utf-8", xml_declaration=True)
+    except OSError as failure:
+        raise OutputError(f"{path}: cannot write: {failure.strerror or failure}") from failure
