@@ -72,7 +72,7 @@ class Parameters:
     range_jump: float = 0.2
     range_std: float = 0.01
     gap_tolerance: float = 0.05
-    desired_linear_vel: float = 0.3
+    desired_linear_vel: float = 0.4
     boundary_vel: float = 0.2
     rotate_to_heading_angular_vel: float = 1.2
     looks: int = 3

@@ -6,7 +6,7 @@ What the paper leaves open, and how it is decided here:
 
 * *Small change* of an obstacle's open points is no sign of motion by itself: as the robot drives, other parts of a standing
   obstacle come into sight. An obstacle is provisionally dynamic if, in addition, part of it now stands where an earlier scan saw
-  through, and definitely so if that is seen again.
+  through, or the scan now sees through where part of it stood, and definitely so if that is seen again.
 * Only obstacles whose both ends are open points and that are at most `max_obstacle_width` wide are followed: walls do not move.
 * Eq. 7 over two scans of noisy ends is too rough: the velocity is the slope of a straight line through the last second of
   positions (the middle between the ends).
@@ -32,7 +32,7 @@ from planners.open_points import Panorama
 from robocar.core import Array, frozen_array
 
 _SEEN_THROUGH = 0.08  # [m] an earlier beam went at least this much farther than what stands there now
-_NEWLY_TAKEN = 0.3  # share of an obstacle's points that stand where it was free
+_NEWLY_TAKEN = 0.3  # share of an obstacle's points that stand where it was free, or stood where it is free now
 _FIRST_LOOK_BACK, _LOOK_BACK = 0.35, 0.95  # [s] to the scans that are compared
 _WINDOW = 1.05  # [s] of positions that give the velocity
 _OFF_LINE = 0.12  # [m] from where it was expected: it has turned or stopped
@@ -73,6 +73,7 @@ class Tracked:
     kind: Kind = Kind.PROVISIONAL
     velocity: Array = field(default_factory=lambda: np.zeros(2))
     history: deque[tuple[float, float, float]] = field(default_factory=lambda: deque(maxlen=32))
+    surface: deque[tuple[float, Array]] = field(default_factory=lambda: deque(maxlen=12))
     evidence: int = 0
     first_seen: float = 0.0
 
@@ -191,7 +192,9 @@ class Obstacles:
         px, py, vx, vy = _line(np.array(history))
         speed = math.hypot(vx, vy)
         span = now - history[0][0]
-        taken = self._newly_taken(panorama, obstacle.points) if span >= 0.25 else 0.0
+        points = _points(panorama, obstacle.points)
+        taken = max(self._newly_taken(panorama, points), _vacated(panorama, obstacle)) if span >= 0.25 else 0.0
+        obstacle.surface.append((now, points))
         moving = taken >= _NEWLY_TAKEN and _SLOW < speed < _TOO_FAST
         obstacle.evidence = min(obstacle.evidence + 1, 8) if moving else max(obstacle.evidence - 1, 0)
         if obstacle.kind is Kind.DYNAMIC:
@@ -209,19 +212,34 @@ class Obstacles:
             obstacle.position, obstacle.velocity = np.array([x, y]), np.zeros(2)
         obstacle.time = now
 
-    def _newly_taken(self, panorama: Panorama, beams: NDArray[np.int64]) -> float:
+    def _newly_taken(self, panorama: Panorama, points: Array) -> float:
         """Share of an obstacle's points that stand where an earlier scan saw through; the larger of two scans', one a third of a
         second old, one a second."""
-        bearings, ranges = panorama.bearings[beams], panorama.ranges[beams]
-        points = np.empty((len(beams), 2))
-        points[:, 0] = panorama.origin[0] + ranges * np.cos(bearings)
-        points[:, 1] = panorama.origin[1] + ranges * np.sin(bearings)
         share = 0.0
         for age in (_FIRST_LOOK_BACK, _LOOK_BACK):
             earlier = next((p for p in reversed(self._past) if panorama.time - p.time >= age), None)
             if earlier is not None and len(earlier.ranges) > 2:
                 share = max(share, _seen_through(points, earlier.origin, earlier.bearings, earlier.ranges, _SEEN_THROUGH))
         return share
+
+
+def _vacated(panorama: Panorama, obstacle: Tracked) -> float:
+    """Share of an obstacle's earlier points that the scan now sees through, likewise."""
+    share = 0.0
+    for age in (_FIRST_LOOK_BACK, _LOOK_BACK):
+        earlier = next((points for time, points in reversed(obstacle.surface) if panorama.time - time >= age), None)
+        if earlier is not None:
+            share = max(share, _seen_through(earlier, panorama.origin, panorama.bearings, panorama.ranges, _SEEN_THROUGH))
+    return share
+
+
+def _points(panorama: Panorama, beams: NDArray[np.int64]) -> Array:
+    """Where these beams end, (k, 2) [m]."""
+    bearings, ranges = panorama.bearings[beams], panorama.ranges[beams]
+    points = np.empty((len(beams), 2))
+    points[:, 0] = panorama.origin[0] + ranges * np.cos(bearings)
+    points[:, 1] = panorama.origin[1] + ranges * np.sin(bearings)
+    return points
 
 
 def predict(
@@ -285,12 +303,10 @@ def standing_world(panorama: Panorama, moving: list[Tracked], margin: float) -> 
     """The panorama without the obstacles that move: beams that end within `margin` [m] of one are lost ones."""
     if not moving:
         return panorama
-    hits = panorama.origin + panorama.ranges[:, None] * np.stack([np.cos(panorama.bearings), np.sin(panorama.bearings)], axis=1)
     ranges = np.array(panorama.ranges)
     for obstacle in moving:
         where = obstacle.at(panorama.time)
-        with np.errstate(invalid="ignore"):
-            ranges[np.hypot(hits[:, 0] - where[0], hits[:, 1] - where[1]) < obstacle.radius + margin] = np.nan
+        _blank(ranges, panorama.bearings, where[0] - panorama.origin[0], where[1] - panorama.origin[1], obstacle.radius + margin)
     return replace(panorama, ranges=frozen_array(ranges))
 
 
@@ -300,6 +316,17 @@ def with_virtual(panorama: Panorama, collisions: list[Collision]) -> Panorama:
     for c in collisions:
         _cast_capsule(ranges, panorama.origin, panorama.bearings, c.start, c.end, c.obstacle.radius)
     return replace(panorama, ranges=frozen_array(ranges))
+
+
+@njit(cache=True)
+def _blank(ranges: Array, bearings: Array, x: float, y: float, radius: float) -> None:
+    """Loses the beams that end within a circle, its centre relative to the sensor."""
+    for i in range(len(ranges)):
+        if (
+            ranges[i] < math.inf
+            and math.hypot(ranges[i] * math.cos(bearings[i]) - x, ranges[i] * math.sin(bearings[i]) - y) < radius
+        ):
+            ranges[i] = math.nan
 
 
 @njit(cache=True)

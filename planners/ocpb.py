@@ -44,6 +44,7 @@ _SAME_SIDE = math.cos(math.radians(50.0))  # ... whose free sides look the same 
 _TURN_DELAY = 0.3  # [s] to brake, look up and start
 _PASSED = 0.4  # [m]
 _EVADE = (0.3, 0.5, 0.8, 1.2)  # [m]
+_STAY = 8.0  # [s] that nothing comes to where it has got out of the way
 _FLAGS = 2  # scans in a row that have to say that a way is blocked
 _TRIES = 4  # a way that was called free and turned out blocked this often is blocked
 
@@ -360,7 +361,7 @@ class OperativeCriticalPointBug:
             turn + _TURN_DELAY if turning else 0.0,
             stay,
             view.circle.body + self.parameters.collision_margin,
-            self.parameters.prediction_horizon,
+            self.parameters.prediction_horizon + (stay if stay >= _STAY else 0.0),
         )
 
     # -- on the way ----------------------------------------------------------------------------------------------------
@@ -433,7 +434,7 @@ class OperativeCriticalPointBug:
                 target = view.centre + length * np.array([math.cos(heading), math.sin(heading)])
                 if not view.reachable(target):
                     continue
-                collision = self._predicted(view, target, True, 3.0)
+                collision = self._predicted(view, target, True, _STAY)
                 if collision is None:
                     return self._go(Leg(LegKind.EVADE, target))
                 if collision.first > latest + 0.3:
