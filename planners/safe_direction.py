@@ -8,9 +8,12 @@ reading, a direction between them by the safety factor, and a local target that 
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from planners import pure_pursuit
 from planners.grid_search import LazyTrace
@@ -19,7 +22,7 @@ from planners.pure_pursuit import STOPPING_SHARE, PurePursuit
 from planners.safe_direction_fan import Choice, Fan, choose, directions, fan, shortest_direction
 from planners.safe_direction_memory import RollingMemory
 from planners.safe_direction_view import Panorama, Readings, Sector, mark, sector_of, window
-from planners.transforms import METRICS, goal_seeds, obstacle_transform, spread
+from planners.transforms import METRICS, descend, goal_seeds, obstacle_transform, spread
 from robocar.core import (
     LETHAL,
     SE2,
@@ -51,6 +54,9 @@ _REVERSAL = math.radians(60.0)  # a turn sharper than this waits until the local
 _LEAST = 0.10  # [m] a direction that is free no farther is none
 _GROUND = 0.25  # [m] side of the squares that count as ground covered
 _TURNING = 0.15  # [m/rad] what turning counts as, in metres of way
+_DOUBT, _DOUBT_SHARE = 0.1, 0.02  # [m, 1] by which a way may seem shorter than an earlier bound: errors of cells and readings
+_CONFIRMED = 1.0  # [s] that what lengthens the way has to stay in sight to count: what moves goes away again
+_MOST_GAPS = 12  # that are closed at most to find a way that is long enough
 _PICTURE = 5  # decisions from one picture of the grids in the recording to the next
 _ROOM = 1.5  # [cells] more than its growth, the place of the robot itself that counts as seen
 
@@ -71,6 +77,8 @@ class Parameters:
             sector, as in the paper, which looks ahead only.
         padding: by which obstacles are grown beyond the robot's circumscribed radius [m].
         step_share, max_step: the local target lies this share of the free way ahead, at most so far [1, m] (eq. 9).
+        carry_bound: whether one number is remembered, a lower bound of the way left to the goal, so that a way which was seen to be
+            closed is not tried again when it is out of sight. The paper remembers nothing.
         approach_distance: a goal so near, with a free way to it, is driven to straight [m].
         obstacle_speed: what comes towards the robot is taken to come this fast [m/s].
         wait_time: without any way the robot stands so long before it gives up [s].
@@ -89,6 +97,7 @@ class Parameters:
     padding: float = 0.02
     step_share: float = 0.7
     max_step: float = 1.0
+    carry_bound: bool = True
     approach_distance: float = 0.6
     obstacle_speed: float = 0.3
     wait_time: float = 8.0
@@ -167,11 +176,15 @@ class Directions:
         grid = window(pose, self.sector.reach, p.resolution)
         free, occupied = np.zeros(grid.shape, dtype=np.bool_), np.zeros(grid.shape, dtype=np.bool_)
         x, y = (v / p.resolution for v in grid.origin.inverse_apply(pose.x, pose.y))
-        mark(panorama.ranges, panorama.hit, panorama.linked, x, y, 1.0 / p.resolution, self._body, self._join, free, occupied)
+        mark(panorama.ranges, panorama.hit, panorama.surface, x, y, 1.0 / p.resolution, self._body, self._join, free, occupied)
         return Readings(grid, free, occupied, x, y)
 
-    def decide(self, seen: Readings, heading: float, goal: Array) -> Decision:
-        """The direction to go, for a robot that looks along `heading` [rad] and wants to get to `goal` (2,) [m]."""
+    def decide(self, seen: Readings, heading: float, goal: Array, bound: float = 0.0) -> Decision:
+        """The direction to go, for a robot that looks along `heading` [rad] and wants to get to `goal` (2,) [m].
+
+        Args:
+            bound: what the way to the goal is at least, as known from before [m].
+        """
         p, r = self.parameters, self.parameters.resolution
         row, col = int(seen.y), int(seen.x)
         # Distances between centres, less half a cell: to the obstacle's edge.
@@ -187,6 +200,8 @@ class Directions:
             # Shortest ways touch what they go round; the fan's first steps there must be free.
             blocked = obstacles < max(0.0, min(growth + 0.5, float(obstacles[row, col]) - 0.5))
             distance = self._distance(blocked, (gx, gy), (row, col))
+            if slim == growth == self._growths[0]:
+                distance = self._consistent(distance, blocked, seen, (gx, gy), bound / r)
             found = fan(headings, clearance, seen.x, seen.y, self.sector.reach, r, self.sector.whole)
             shortest = shortest_direction(distance, seen.x, seen.y, (gx, gy), self.sector.reach / r)
             if shortest is None:
@@ -198,7 +213,37 @@ class Directions:
         assert found is not None
         return Decision(seen, clearance, distance, found, choice)
 
-    def _distance(self, blocked: np.ndarray, goal: tuple[float, float], robot: tuple[int, int]) -> Array:
+    def _consistent(
+        self, distance: Array, blocked: NDArray[np.bool_], seen: Readings, goal: tuple[float, float], bound: float
+    ) -> Array:
+        """The distance transform without ways that cannot be, as they are shorter than what is left of an earlier lower bound.
+
+        A way over optimistic cells is never longer than the true one, so from a place d farther on at least that much less d is
+        left. If the transform now promises less, it is because something has got out of sight that was seen to be closed. Then
+        the gap where the promised way leaves what is in sight is closed, until the next way is long enough. If none is, the
+        world has changed, and the first one counts.
+        """
+        row, col = int(seen.y), int(seen.x)
+        least = bound - _DOUBT_SHARE * bound - _DOUBT / self.parameters.resolution
+        if not distance[row, col] < least:
+            return distance
+        beside = cv2.dilate(seen.free.view(np.uint8), np.ones((3, 3), dtype=np.uint8)) > 0
+        edge = beside & ~seen.free & ~blocked  # of what is in sight, where it is not a surface
+        _, gaps = cv2.connectedComponents(edge.view(np.uint8), connectivity=8)
+        closed, now = blocked.copy(), distance
+        for _ in range(_MOST_GAPS):
+            way = descend(now, (row, col))
+            crossed = gaps[way[:, 0], way[:, 1]]
+            crossed = crossed[crossed > 0]
+            if len(crossed) == 0:
+                return distance
+            closed |= gaps == crossed[0]
+            now = self._distance(closed, goal, (row, col))
+            if now[row, col] >= least:
+                return now if math.isfinite(now[row, col]) else distance
+        return distance
+
+    def _distance(self, blocked: NDArray[np.bool_], goal: tuple[float, float], robot: tuple[int, int]) -> Array:
         """Distance transform from the goal, from the free cells nearest to it where it is blocked itself."""
         metric = self.parameters.metric
         seeds = goal_seeds(blocked, np.array([goal[1], goal[0]]), metric)  # type: ignore[arg-type]
@@ -247,6 +292,9 @@ class SafeDirection:
         self._ground: set[tuple[int, int]] = set()
         self._idle = 0.0  # [m] driven since the last new ground
         self._before: SE2 | None = None
+        self._driven = 0.0  # [m]
+        self._bound = 0.0  # [m]
+        self._bounds: deque[tuple[float, float]] = deque()  # of the last seconds: time, way to the goal plus way driven
         self._waiting_since: float | None = None
         self._turning = False
         self._forgotten = False
@@ -269,6 +317,8 @@ class SafeDirection:
         pose = belief.pose
         if self._goal is None or not np.array_equal(self._goal.position, goal.position):
             self._goal, self._target, self._idle, self._forgotten = goal, None, 0.0, False
+            self._bound = 0.0
+            self._bounds.clear()
             self._ground.clear()
         sonars = () if self.robot.lidar is not None else observation.sonars
         if not self.panorama.look(pose, observation.lidar if self.robot.lidar is not None else None, sonars):
@@ -276,7 +326,10 @@ class SafeDirection:
         seen = self.directions.readings(pose, self.panorama)
         if self.memory is not None:
             seen = self.memory.merge(pose, seen)
-        decision = self.directions.decide(seen, pose.theta, goal.position)
+        self._count_ground(pose)
+        bound = self._bound - self._driven if self.parameters.carry_bound and self.memory is None else 0.0
+        decision = self.directions.decide(seen, pose.theta, goal.position, bound)
+        self._carry(decision, observation.time)
         self._decisions += 1
         trouble = self._trouble(pose, seen, decision, observation.time, goal)
         if isinstance(trouble, GiveUp | Drive):
@@ -350,7 +403,6 @@ class SafeDirection:
 
     def _trouble(self, pose: SE2, seen: Readings, decision: Decision, time: float, goal: Goal) -> Command | None:
         """A reason to stand or to give up, if there is one."""
-        self._count_ground(pose)
         x, y = goal.position
         cell = seen.grid.cell_from_world(goal.position)
         inside = bool(seen.grid.contains(cell))
@@ -382,10 +434,22 @@ class SafeDirection:
         """The smallest value of the distance transform [m]: how far from a blocked goal the free cell next to it is."""
         return float(decision.distance.min()) * self.parameters.resolution
 
+    def _carry(self, decision: Decision, time: float) -> None:
+        """Keeps the largest lower bound of the way to the goal, as of the odometer's zero: what was left then, plus the way since."""
+        u = float(decision.distance[int(decision.seen.y), int(decision.seen.x)]) * self.parameters.resolution
+        self._bounds.append((time, u + self._driven))
+        while self._bounds[0][0] < time - _CONFIRMED:
+            self._bounds.popleft()
+        if self._bounds[0][0] <= time - 0.8 * _CONFIRMED:
+            least = min(bound for _, bound in self._bounds)
+            if math.isfinite(least):
+                self._bound = max(self._bound, least) if u + self._driven >= self._bound - _DOUBT - _DOUBT_SHARE * u else least
+
     def _count_ground(self, pose: SE2) -> None:
         if self._before is not None:
             turned = abs(math.remainder(pose.theta - self._before.theta, math.tau))
             self._idle += self._before.distance_to(pose) + _TURNING * turned
+            self._driven += self._before.distance_to(pose)
         self._before = pose
         square = math.floor(pose.x / _GROUND), math.floor(pose.y / _GROUND)
         if square not in self._ground:

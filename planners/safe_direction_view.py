@@ -19,6 +19,7 @@ _BRIDGED = math.radians(3.0)  # a gap between two beams up to this wide (a lost 
 _STRAIGHT = math.cos(math.radians(15.0))  # two hits are one wall if the next one goes on in about the same direction
 _GAP = math.radians(50.0)  # between two sonars of a ring: it counts as seen by both
 _SILENT = 2.0  # 1 / cos(60 degrees): a wall at distance d sends no echo to a cone that meets it farther away than this times d
+_BEHIND = 0.4  # [cells] behind what a noisy beam met lies the cell that it belongs to, where a wall's face is a border of cells
 _STANDING = 0.05  # [m] scans from places this close together make one panorama
 
 
@@ -90,7 +91,7 @@ class Panorama:
     def forget(self) -> None:
         self.ranges = np.full(BINS, math.nan)  # [m], nan: not seen
         self.hit = np.zeros(BINS, dtype=np.bool_)  # a surface is there; else it is free up to the range
-        self.linked = np.zeros(BINS, dtype=np.bool_)  # the surface goes on to the next direction's
+        self.surface = np.full(BINS, -1, dtype=np.int64)  # which one: neighbours with the same number are one wall
         self._stood: SE2 | None = None
 
     def look(self, pose: SE2, laser: Scan | None, sonars: tuple[Scan, ...]) -> bool:
@@ -108,9 +109,10 @@ class Panorama:
         if not seen.any():
             return False
         points, hits = points[seen], hits[seen]
+        # Surfaces of an earlier scan of the panorama have other numbers.
+        first = int(self.surface.max()) + 1
         _fill(
-            self.ranges, self.hit, self.linked, points, hits, pose.theta, pairs, self._join, laser is None,
-            self.sector.whole,
+            self.ranges, self.hit, self.surface, points, hits, pose.theta, pairs, self._join, laser is None, self.sector.whole, first,
         )  # fmt: skip
         return True
 
@@ -151,8 +153,8 @@ def _echoes(sonars: tuple[Scan, ...], sector: Sector) -> tuple[Array, NDArray[np
 
 @njit(cache=True)
 def _fill(
-    ranges: NDArray, hit: NDArray, linked: NDArray, points: NDArray, hits: NDArray, heading: float, bridged: float, join: float,
-    cautious: bool, around: bool,
+    ranges: NDArray, hit: NDArray, surface: NDArray, points: NDArray, hits: NDArray, heading: float, bridged: float, join: float,
+    cautious: bool, around: bool, number: int,
 ) -> None:  # fmt: skip
     """Enters the ends of beams, sorted by bearing, into the directions between them.
 
@@ -170,7 +172,7 @@ def _fill(
         width -= math.tau * math.floor(width / math.tau)
         first = math.ceil((heading + a) / _BIN)
         count = math.floor((heading + a + width) / _BIN) - first + 1
-        if width > bridged and width < math.tau - 0.5:
+        if width > bridged:  # a gap; or the second lies before the first, seen from the robot's centre
             continue
         one = False
         if hits[j] and hits[k]:
@@ -180,25 +182,24 @@ def _fill(
             for i, m in ((j - 1, j), (k, (k + 1) % n)):
                 if hits[i] and hits[m] and not one and not cautious:
                     ex, ey = points[m, 0] - points[i, 0], points[m, 1] - points[i, 1]
-                    one = dx * ex + dy * ey >= _STRAIGHT * apart * math.hypot(ex, ey) > 0.0
+                    before = math.hypot(ex, ey)
+                    one = dx * ex + dy * ey >= _STRAIGHT * apart * before and 0.0 < apart <= 2.0 * before
         for b in range(count):
             place = (first + b) % BINS
             share = ((first + b) * _BIN - heading - a) / max(width, 1e-9)
             if one:
-                ranges[place], hit[place] = (1.0 - share) * ra + share * rb, True
+                ranges[place], hit[place], surface[place] = (1.0 - share) * ra + share * rb, True, number
             elif (ra <= rb) if cautious else (share <= 0.5):
-                ranges[place], hit[place] = ra, hits[j]
+                ranges[place], hit[place], surface[place] = ra, hits[j], number
             else:
-                ranges[place], hit[place] = rb, hits[k]
-            linked[place] = one
-            if not one and 0 < b:  # within what one beam says
-                before = (place - 1) % BINS
-                linked[before] = hit[before] and hit[place] and ranges[before] == ranges[place]
+                ranges[place], hit[place], surface[place] = rb, hits[k], number + 1
+        if not one:
+            number += 1
 
 
 @njit(cache=True)
 def mark(
-    ranges: NDArray, hit: NDArray, linked: NDArray, x: float, y: float, scale: float, body: float, join: float, free: NDArray,
+    ranges: NDArray, hit: NDArray, surface: NDArray, x: float, y: float, scale: float, body: float, join: float, free: NDArray,
     occupied: NDArray,
 ) -> None:  # fmt: skip
     """Draws a panorama on cells: rays up to the ranges are free, surfaces occupied; so is the robot's own place free.
@@ -230,13 +231,15 @@ def mark(
     for b in range(BINS):
         if not (hit[b] and ranges[b] >= 0.0):
             continue
-        px, py = x + ranges[b] * scale * math.cos(b * _BIN), y + ranges[b] * scale * math.sin(b * _BIN)
+        behind = ranges[b] * scale + _BEHIND
+        px, py = x + behind * math.cos(b * _BIN), y + behind * math.sin(b * _BIN)
         n, other = 0, (b + 1) % BINS
         qx, qy = px, py
         if hit[other] and ranges[other] >= 0.0:
-            qx, qy = x + ranges[other] * scale * math.cos(other * _BIN), y + ranges[other] * scale * math.sin(other * _BIN)
+            behind = ranges[other] * scale + _BEHIND
+            qx, qy = x + behind * math.cos(other * _BIN), y + behind * math.sin(other * _BIN)
             apart = math.hypot(qx - px, qy - py)
-            if linked[b] or apart <= join:
+            if surface[b] == surface[other] or apart <= join:
                 n = min(int(2.0 * apart) + 1, 4 * (rows + cols))
         for k in range(n + 1):
             share = k / (n + 1)
