@@ -48,7 +48,7 @@ _SQUEEZE = 0.98  # what lies inside a disc already counts as touching it, and no
 _TURN_FROM = math.radians(25.0)  # a larger error of the heading is turned away on the spot, down to ...
 _TURN_TO = math.radians(2.0)
 _STEER = 2.0  # [1/s] smaller ones are steered away while driving
-_GUARD = 0.01  # [m] around the outline, kept while moving
+_GUARD = 0.015  # [m] around the outline, kept while moving
 _TURN_ROOM = 0.005  # [m] around the outline, kept while turning
 _REACTION = 0.15  # [s] from a scan to the brakes
 

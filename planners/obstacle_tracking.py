@@ -120,12 +120,29 @@ class Obstacles:
     def __init__(self, max_obstacle_width: float, max_distance: float) -> None:
         self._max_width, self._max_distance = max_obstacle_width, max_distance
         self.forget()
+        self._warm_up()
+        self.forget()
 
     def forget(self) -> None:
         """A new episode."""
         self.tracked: list[Tracked] = []
         self._past: deque[Panorama] = deque(maxlen=16)
         self._count = 0
+
+    def _warm_up(self) -> None:
+        """Compiled here, not in the control loop: something passes by."""
+        bearings = frozen_array(np.linspace(-math.pi, math.pi, 72, endpoint=False))
+        panorama = Panorama(0.0, frozen_array(np.zeros(2)), bearings, frozen_array(np.full(72, 4.0)), 6.0, math.tau / 72)
+        for k in range(12):
+            ranges = np.full(72, 4.0)
+            ranges[10 + 2 * k : 14 + 2 * k] = 1.0
+            panorama = replace(panorama, time=0.1 * k, ranges=frozen_array(ranges))
+            self.update(panorama)
+        moving = [replace(o, velocity=np.array([-0.2, 0.0])) for o in self.tracked]
+        collision = predict(moving, 1.2, np.zeros(2), 0.0, 2.0, 0.3, 0.5, 1.0, 0.3, 9.0)
+        standing_world(panorama, moving, 0.1)
+        assert collision is not None
+        with_virtual(panorama, [collision])
 
     def of(self, kind: Kind) -> list[Tracked]:
         """The obstacles of one set."""

@@ -39,7 +39,8 @@ class VirtualCircle:
     Args:
         radius: half the distance of these points and the safety constant, r [m].
         body: without the safety constant [m].
-        driving: half the width of what the robot sweeps driving straight, and half the safety constant [m].
+        driving: half the width of what the robot sweeps driving straight, and two thirds of the safety
+            constant [m].
         offset: robot_from_centre, x and y [m]; the length is the paper's AC.
     """
 
@@ -58,7 +59,7 @@ class VirtualCircle:
         # Of a body that is not symmetric some corner may lie outside the circle over its longest diagonal.
         body = float(np.linalg.norm(corners - middle, axis=1).max())
         half = float(np.abs(corners[:, 1] - middle[1]).max())
-        return cls(body + safety_constant, body, half + 0.5 * safety_constant, (float(middle[0]), float(middle[1])))
+        return cls(body + safety_constant, body, half + 2.0 / 3.0 * safety_constant, (float(middle[0]), float(middle[1])))
 
     def centre(self, pose: SE2) -> Array:
         """Where the circle is, (2,) [m]."""

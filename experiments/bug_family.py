@@ -1,0 +1,158 @@
+"""The bug family on the same worlds, scans and motions: does the Operative Critical Point Bug need fewer iterations and less way?
+
+Das, Dutta and Debnath, IJEECS 18(3), 2020, claim both (sections 2 and 4; their Figure 1 shows the older members of the family).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+
+from experiments._bug_worlds import BUGS, ROBOT, draw, scene_of, turns, worlds
+from robocar.experiment import Report, run_many
+from robocar.run import RunResult
+
+SEEDS = 10
+TIME_LIMIT = 400.0  # [s]
+COLORS = dict(zip(BUGS, ("tab:red", "tab:blue", "tab:green", "tab:purple", "tab:brown", "tab:cyan", "tab:olive"), strict=True))
+
+
+def main(out: Path, quick: bool = False) -> None:
+    """Runs, the tables, and the ways of all over each other."""
+    study(out, 1 if quick else SEEDS, SEEDS if not quick else 1, ("boxes", "U", "field") if quick else None)
+
+
+def study(out: Path, seeds: int, ocpb_seeds: int, chosen: tuple[str, ...] | None = None) -> None:
+    """With this many seeds for all, and for `ocpb`; on all worlds, or those chosen by name."""
+    places = {name: world for name, world in worlds(out / "maps").items() if chosen is None or name in chosen}
+    cases = [(world, bug, k) for world in places for bug in BUGS for k in range(ocpb_seeds if bug == "ocpb" else seeds)]
+    settings = {**ROBOT, "time_limit": TIME_LIMIT}
+    results = run_many(
+        [
+            {
+                "scenario": places[world],
+                "navigator": bug,
+                "estimator": "truth",
+                "seed": k,
+                "settings": settings,
+                "out": out / "runs",
+                "record": k == 0 and bug == "ocpb",
+                "force": True,
+            }
+            for world, bug, k in cases
+        ]
+    )
+    grouped: dict[tuple[str, str], list[RunResult]] = {}
+    for (world, bug, _), result in zip(cases, results, strict=True):
+        grouped.setdefault((world, bug), []).append(result)
+    report = Report(out, "The bug family on the same worlds")
+    _tables(report, grouped, list(places))
+    report.write()
+    columns = min(4, len(places))
+    rows = -(-len(places) // columns)
+    figure, axes = plt.subplots(rows, columns, figsize=(4.0 * columns, 4.0 * rows), layout="constrained", squeeze=False)
+    for axis in axes.flat[len(places) :]:
+        axis.set_axis_off()
+    for axis, (name, world) in zip(axes.flat, places.items(), strict=False):
+        draw(axis, scene_of(world))
+        for bug in BUGS:
+            for k, result in enumerate(grouped[name, bug][:3]):
+                style = {"lw": 2.0 if bug == "ocpb" else 0.8, "alpha": 0.8, "label": None if k else bug}
+                axis.plot(*result.truth.poses[:, :2].T, color=COLORS[bug], **style)
+        axis.set_title(name, fontsize=10)
+    figure.legend(*axes.flat[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(BUGS), frameon=False)
+    figure.savefig(out / "trajectories.png", dpi=100)
+    plt.close(figure)
+
+
+def _tables(report: Report, grouped: dict[tuple[str, str], list[RunResult]], places: list[str]) -> None:
+    rows = []
+    for (world, bug), runs in grouped.items():
+        reached = [r for r in runs if r.success]
+        ends = Counter(r.status for r in runs if not r.success)
+        contacts = sum(int(r.value("contacts") or 0) for r in runs)
+        numbers = {
+            "length_over_shortest": _mean([_ratio(r) for r in reached]),
+            "iterations": _mean([r.value("replans") for r in reached]),
+            "turns": _mean([turns(r) for r in reached]),
+            "duration": _mean([r.value("duration") for r in reached]),
+        }
+        tag = f"{world}/{bug}"
+        report.number(f"{tag}/success_rate", len(reached) / len(runs), "1")
+        report.number(f"{tag}/contacts", contacts, "1")
+        for name, value in numbers.items():
+            report.number(f"{tag}/{name}", value, "s" if name == "duration" else "1")
+        why = ", ".join(f"{count} {status}" for status, count in ends.items()) or "–"
+        clearance = min((float(r.value("min_clearance") or 0.0) for r in runs), default=None)
+        rows.append((world, bug, f"{len(reached)}/{len(runs)}", why, contacts, *numbers.values(), clearance))
+    report.table(
+        (
+            "world",
+            "bug",
+            "reached",
+            "else",
+            "contacts",
+            "way / shortest",
+            "iterations",
+            "turns",
+            "time [s]",
+            "least clearance [m]",
+        ),
+        rows,
+        "Means over the runs that reached the goal.",
+    )
+    rows = []
+    for bug in BUGS:
+        runs = [r for (_, b), group in grouped.items() if b == bug for r in group]
+        contacts = sum(int(r.value("contacts") or 0) for r in runs)
+        report.number(f"all/{bug}/success_rate", sum(r.success for r in runs) / len(runs), "1")
+        report.number(f"all/{bug}/contacts", contacts, "1")
+        # Fairly: where both have always arrived.
+        both = [p for p in places if all(r.success for b in (bug, "ocpb") for r in grouped[p, b])]
+        ratio = {
+            what: _mean([_over(grouped[p, "ocpb"], grouped[p, bug], what) for p in both])
+            for what in ("replans", "path_length", "duration")
+        }
+        for what, value in ratio.items():
+            report.number(f"all/ocpb_over_{bug}/{what}", value, "1")
+        rows.append((bug, f"{sum(r.success for r in runs)}/{len(runs)}", contacts, len(both), *ratio.values()))
+    report.table(
+        (
+            "bug",
+            "reached",
+            "contacts",
+            "worlds where both always arrive",
+            "iterations: ocpb / it",
+            "way: ocpb / it",
+            "time: ocpb / it",
+        ),
+        rows,
+        "All worlds; below 1 ocpb is better. The paper claims fewer iterations and shorter ways than the rest of the family.",
+    )
+
+
+def _ratio(result: RunResult) -> float | None:
+    length, least = result.value("path_length"), result.value("shortest_path_length")
+    return float(length) / float(least) if length is not None and least else None
+
+
+def _over(ours: list[RunResult], theirs: list[RunResult], metric: str) -> float | None:
+    mine, other = (_mean([r.value(metric) for r in runs]) for runs in (ours, theirs))
+    return mine / other if mine is not None and other else None
+
+
+def _mean(values: list[float | int | None] | list[float | None] | list[int]) -> float | None:
+    known = [float(v) for v in values if v is not None]
+    return float(np.mean(known)) if known else None
+
+
+if __name__ == "__main__":
+    import tyro
+
+    tyro.cli(main)

@@ -1,0 +1,166 @@
+"""Encounters with moving obstacles: how often does the Operative Critical Point Bug touch one?
+
+Das, Dutta and Debnath, IJEECS 18(3), 2020, assumption A6: they move straight at constant speed. Each encounter is timed so that
+the two would meet if nobody gave way; a second part has many of them at once.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+
+from experiments._bug_worlds import ROBOT, grid, room
+from planners.bug_motion import Parameters
+from robocar.experiment import Report, run_many
+from robocar.run import RunResult
+
+SPEEDS = (0.1, 0.2, 0.3, 0.4)  # [m/s]
+ANGLES = (0, 30, 60, 90, 120, 150, 180)  # [deg] between the two directions
+SEEDS = 8
+CROWDS = (1, 2, 4, 6, 8)
+SIZE = 12.0  # [m]
+START, GOAL = (3.0, 6.0), (9.0, 6.0)
+LAG = 0.7  # [s] until the car is under way
+
+
+def _inside(point: np.ndarray) -> np.ndarray:
+    return np.clip(point, 0.5, SIZE - 0.5)
+
+
+def _leg(meet: np.ndarray, velocity: np.ndarray, before: float, after: float) -> tuple[np.ndarray, np.ndarray] | None:
+    """Where a mover starts and turns round, on the line through `meet`; None where it would start on the car or outside."""
+    start, end = meet - before * velocity, meet + after * velocity
+    if not np.allclose(_inside(start), start):
+        return None
+    for _ in range(40):  # the end may be nearer
+        if np.allclose(_inside(end), end):
+            break
+        end = meet + 0.9 * (end - meet)
+    return None if math.dist(start, START) < 1.0 else (start, end)
+
+
+def encounter(folder: Path, speed: float, angle: float, seed: int) -> dict[str, Any] | None:
+    """One mover that would meet the car on its straight way; None where it would have to start on the car."""
+    rng = np.random.default_rng([seed, round(10 * speed), round(angle)])
+    meet = np.array([rng.uniform(5.0, 7.0), START[1]])
+    time = LAG + (meet[0] - START[0]) / Parameters().desired_linear_vel + rng.uniform(-0.7, 0.7)
+    a = math.radians(angle) * rng.choice((-1.0, 1.0))
+    leg = _leg(meet, speed * np.array([math.cos(a), math.sin(a)]), time, 40.0)
+    if leg is None:
+        return None
+    body = {"cylinder": [0.15, 0.3]} if seed % 2 else {"box": [0.3, 0.3, 0.3], "heading": float(a)}
+    mover = {"name": "mover", "waypoints": [leg[0].tolist(), leg[1].tolist()], "speed": speed, **body}
+    return room(folder, "open_room", grid(SIZE, SIZE), start=[*START, 0.0], goal=list(GOAL), movers=[mover], time_limit=90.0)
+
+
+def crowd(folder: Path, count: int, seed: int) -> dict[str, Any]:
+    """Several movers to and fro across the car's way, at speeds from 0.1 to 0.4 m/s."""
+    rng = np.random.default_rng([seed, count])
+    movers: list[dict[str, Any]] = []
+    while len(movers) < count:
+        ends = rng.uniform([4.0, 2.0], [8.5, 10.0], (2, 2))
+        if math.dist(*ends) < 3.0 or math.dist(ends[0], START) < 1.0:
+            continue
+        if any(math.dist(ends[0], other["waypoints"][0]) < 0.6 for other in movers):
+            continue
+        speed = float(rng.choice(SPEEDS))
+        movers.append({"name": f"m{len(movers)}", "waypoints": ends.tolist(), "speed": speed, "cylinder": [0.15, 0.3]})
+    return room(folder, "open_room", grid(SIZE, SIZE), start=[*START, 0.0], goal=list(GOAL), movers=movers, time_limit=120.0)
+
+
+def touched(result: RunResult) -> tuple[bool, bool]:
+    """Whether it was touched driving, and standing (a mover ran into it)."""
+    return bool(result.value("contacts")), bool(result.value("contacts_standing"))
+
+
+def main(out: Path, quick: bool = False) -> None:
+    """Encounters over speed and angle, and crowds."""
+    seeds = 1 if quick else SEEDS
+    speeds, angles = ((0.2, 0.4), (90, 180)) if quick else (SPEEDS, ANGLES)
+    cases = [
+        (speed, angle, k, scenario)
+        for speed in speeds
+        for angle in angles
+        for k in range(seeds)
+        if (scenario := encounter(out / "maps", speed, angle, k)) is not None
+    ]
+    crowds = [(n, k, crowd(out / "maps", n, k)) for n in ((2,) if quick else CROWDS) for k in range(seeds)]
+    jobs = [
+        {
+            "scenario": scenario,
+            "navigator": "ocpb",
+            "estimator": "truth",
+            "seed": k,
+            "settings": ROBOT,
+        }
+        for *_, k, scenario in [*cases, *crowds]
+    ]
+    results = run_many(jobs)
+    report = Report(out, "Encounters with moving obstacles")
+    ours = list(zip(cases, results[: len(cases)], strict=True))
+    rows, picture = [], np.full((len(speeds), len(angles)), np.nan)
+    for i, speed in enumerate(speeds):
+        row: list[object] = [speed]
+        for j, angle in enumerate(angles):
+            group = [touched(r) for (v, a, *_), r in ours if (v, a) == (speed, angle)]
+            hits = sum(driving or standing for driving, standing in group)
+            row.append(f"{hits}/{len(group)}" if group else None)
+            if group:
+                picture[i, j] = hits / len(group)
+                report.number(f"contact_rate/{speed}/{angle}", hits / len(group), "1")
+        rows.append(row)
+    report.table(
+        ("speed [m/s]", *(f"{angle}°" for angle in angles)),
+        rows,
+        "Encounters with a contact, driving or standing; 0° is a mover that goes the car's way, 180° head-on. Without number: it "
+        "would have to start less than a metre from the car.",
+    )
+    driving = sum(touched(r)[0] for _, r in ours)
+    standing = sum(touched(r)[1] and not touched(r)[0] for _, r in ours)
+    report.number("encounters", len(ours), "1")
+    report.number("contacts_driving", driving, "1")
+    report.number("contacts_standing", standing, "1")
+    report.number("success_rate", sum(r.success for _, r in ours) / len(ours), "1")
+    report.say(
+        f"{len(ours)} encounters: {driving} with a contact while the car drove, {standing} more while it stood. "
+        "Target: at most 1 in 200."
+    )
+    for (v, a, k, _), r in ours:
+        if any(touched(r)) or not r.success:
+            report.say(f"* {v} m/s, {a}°, seed {k}: {r.status}: {r.reason}")
+    rows = []
+    together = list(zip(crowds, results[len(cases) :], strict=True))
+    for n in dict.fromkeys(n for n, *_ in crowds):
+        group = [r for (m, *_), r in together if m == n]
+        hits = [touched(r) for r in group]
+        report.number(f"crowd/{n}/contact_rate", sum(any(h) for h in hits) / len(group), "1")
+        report.number(f"crowd/{n}/success_rate", sum(r.success for r in group) / len(group), "1")
+        rows.append(
+            (n, f"{sum(r.success for r in group)}/{len(group)}", sum(h[0] for h in hits), sum(h[1] and not h[0] for h in hits))
+        )
+    report.table(
+        ("movers", "reached", "contacts driving", "contacts standing"),
+        rows,
+        "Many movers, which go to and fro and turn back at once.",
+    )
+    report.write()
+    figure, axis = plt.subplots(figsize=(6, 3), layout="constrained")
+    image = axis.imshow(picture, cmap="Reds", vmin=0.0, vmax=max(0.25, float(np.nanmax(picture))), aspect="auto")
+    axis.set(xticks=range(len(angles)), xticklabels=angles, yticks=range(len(speeds)), yticklabels=speeds)
+    axis.set(xlabel="crossing angle [deg]", ylabel="speed [m/s]")
+    figure.colorbar(image, label="contact rate")
+    figure.savefig(out / "moving.png", dpi=110)
+    plt.close(figure)
+
+
+if __name__ == "__main__":
+    import tyro
+
+    tyro.cli(main)
