@@ -62,7 +62,7 @@ class Parameters:
         scoring: `cost` is eq. 6 of Izaty and Lubis, `objective` eq. 5, Fox's.
         vx_samples, vtheta_samples: of speed and turning rate.
         sim_time, sim_granularity: how far ahead twists are driven, in which steps [s].
-        window: the time in which a twist must be reachable, the t of eq. 4 [s].
+        window: the time in which a twist must be reachable, the t of eq. 4; eq. 5 looks at the heading after it [s].
         cost_scale, goal_distance_scale, path_distance_scale, slowness_scale: a to d of eq. 6. Its terms are made comparable: the
             mean cost of the cells crossed by the highest, distances by the way that the car makes at most in `sim_time`, 1 / v^2
             by its value at 0.05 m/s, below which it grows no further, so that turning on the spot may be best. With equal a and
@@ -204,10 +204,12 @@ class DynamicWindow:
         terms = rollouts(
             view.costs, self._start(view), self._accelerations(view), samples, p.sim_granularity, self._steps, outline,
             self._footprint.circumscribed_radius / r, safe, local.points, local.goal, forward / r,
+            min(self._steps, max(1, round(p.window / p.sim_granularity))),
         )  # fmt: skip
         v, w = samples[:, 0] * r, np.abs(samples[:, 1])
         reach = fastest * p.sim_time
         hit = terms[:, COLLIDES] > 0.0
+        standing = (v == 0.0) & (w == 0.0)  # is no way to the goal: `Steering.stuck` stands, and says so
         if p.scoring == "cost":  # eq. 6
             scores = (
                 p.cost_scale * terms[:, COST] / 252.0
@@ -215,7 +217,7 @@ class DynamicWindow:
                 + p.path_distance_scale * terms[:, PATH] * r / reach
                 + p.slowness_scale * (SLOWEST / np.maximum(v, SLOWEST)) ** 2
             )
-            scores[hit] = math.inf  # "discarded"
+            scores[hit | standing] = math.inf  # "discarded"
             return scores
         # eq. 5, its sign changed; a trajectory that hits nothing has the largest distance that one can have.
         clearance = np.where(hit, np.minimum(terms[:, TRAVELLED] * r / reach, 1.0), 1.0)
@@ -225,7 +227,7 @@ class DynamicWindow:
         # eq. 3: it can stop, straight and turning, before it hits.
         stops = v <= np.sqrt(2.0 * terms[:, TRAVELLED] * r * limits.acc_lim_x)
         stops &= w <= np.sqrt(2.0 * terms[:, TURNED] * limits.acc_lim_theta)
-        return np.where(hit & ~stops, math.inf, -objective)
+        return np.where((hit & ~stops) | standing, math.inf, -objective)
 
     def _start(self, view: View) -> Array:
         last = self._steering.last

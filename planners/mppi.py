@@ -37,6 +37,7 @@ from robocar.core import (
 )
 
 _PATH_EVERY = 3  # steps between two looks at the path, and one at the end
+_CREEP = 0.01  # [m/s, rad/s]
 _COLLISION = 100.0  # cost of a trajectory that collides, far above all others
 
 
@@ -249,6 +250,8 @@ class MPPI:
             # The mean of two ways round an obstacle leads into it: then the best sample counts alone.
             if self._sample(view, local, mean, noise[:1])[0][0] >= _COLLISION:
                 mean = controls[best]
+            if max(mean[0, 0] * view.resolution, abs(mean[0, 1]), steering.last.v, abs(steering.last.omega)) < _CREEP:
+                return steering.stuck(observation.time)  # to stand is no way to the goal
             steering.found()
             trace = self._trace(view, totals, controls, mean, costmap, observation.time)
             command = steering.drive(mean[0, 0] * view.resolution, mean[0, 1], trace)

@@ -63,15 +63,20 @@ def circle_world(circles: ArrayLike, low: ArrayLike, high: ArrayLike) -> Obstacl
         raise ValueError("circles need finite centres and radii that are not negative")
     if not (np.all(np.isfinite(bounds)) and np.all(bounds[2:] > bounds[:2])):
         raise ValueError(f"the corners must span an area, not {bounds.tolist()}")
-    return Obstacles(np.zeros((0, 0), dtype=np.uint8), circles, bounds)
+    return Obstacles(_read_only(np.zeros((0, 0), dtype=np.uint8)), circles, bounds)
 
 
 def costmap_world(costmap: Costmap) -> Obstacles:
     """The blocked cells of a costmap, in grid coordinates."""
     rows, cols = costmap.shape
-    costs = np.ascontiguousarray(costmap.data).view()
-    costs.flags.writeable = False  # one compiled version for all
+    costs = _read_only(np.ascontiguousarray(costmap.data).view())
     return Obstacles(costs, np.zeros((0, 3)), np.array([0.0, 0.0, cols, rows]))
+
+
+def _read_only(array: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """One kind of array is one compiled version for all."""
+    array.flags.writeable = False
+    return array
 
 
 def search(obstacles: Obstacles, start: ArrayLike, goal: ArrayLike, parameters: Parameters, rng: np.random.Generator) -> Growth:

@@ -79,7 +79,7 @@ class Steering:
         last, limits, dt = self.last, self.limits, self._dt
         v = min(max(v, last.v - limits.acc_lim_x * dt), last.v + limits.acc_lim_x * dt)
         omega = min(max(omega, last.omega - limits.acc_lim_theta * dt), last.omega + limits.acc_lim_theta * dt)
-        self.last = Twist(v, omega)
+        self.last = Twist(float(v), float(omega))
         return Drive(self.last, trace=trace or {})
 
     def at_goal(self, views: list[View], pose: SE2, goal: Goal) -> Drive | None:

@@ -73,7 +73,7 @@ def path_distance(path: Array, x: float, y: float) -> float:
 @njit(cache=True)
 def rollouts(
     costs: NDArray, start: Array, limits: Array, samples: Array, dt: float, steps: int, vertices: Array, radius: float,
-    safe_cost: float, path: Array, goal: Array, forward: float,
+    safe_cost: float, path: Array, goal: Array, forward: float, soon: int,
 ) -> Array:  # fmt: skip
     """Drives towards each sampled twist with the car's accelerations, then on with it, until the time is over or it collides.
 
@@ -86,11 +86,12 @@ def rollouts(
         safe_cost: see `outline_cost`.
         path: polyline to keep to, (k, 2); goal: point to come near to, (2,).
         forward: the point that is to come near to the goal lies this far ahead of the robot's centre.
+        soon: the step after which the heading is compared with the goal's direction.
 
     Returns:
         (n, 7), columns named above: 1 where the outline touches something; mean cost of the cells crossed, 0 to 252; smallest
         distance to the goal; distance of the end from the path; way until it ends or collides; angle turned until then [rad];
-        angle between the heading at the end and the direction of the goal [rad].
+        angle between the heading after step `soon` and the direction of the goal [rad].
     """
     n = len(samples)
     terms = np.zeros((n, 7))
@@ -118,12 +119,13 @@ def rollouts(
             ahead_x, ahead_y = x + forward * c, y + forward * s
             dx, dy = goal[0] - ahead_x, goal[1] - ahead_y
             nearest = min(nearest, dx * dx + dy * dy)
+            if i == soon - 1:
+                dx, dy, c, s = goal[0] - x, goal[1] - y, math.cos(theta), math.sin(theta)
+                terms[k, 6] = abs(math.atan2(c * dy - s * dx, c * dx + s * dy))
         terms[k, 1] = total / steps
         terms[k, 2] = math.sqrt(nearest)
         terms[k, 3] = path_distance(path, ahead_x, ahead_y)
         terms[k, 4], terms[k, 5] = way, turned
-        dx, dy, c, s = goal[0] - x, goal[1] - y, math.cos(theta), math.sin(theta)
-        terms[k, 6] = abs(math.atan2(c * dy - s * dx, c * dx + s * dy))
     return terms
 
 
