@@ -24,7 +24,10 @@ from planners.laplace.solver import Potential
 from robocar.core import Array, BudgetExhausted, ParameterError
 
 REACHABLE = 1e-15
-"""Smallest change in an iteration that over-relaxation in doubles reaches next to the goal, where w is near 1."""
+"""Smallest threshold on the change in an iteration, the paper's; over-relaxation needs more, see `reachable`."""
+
+STALLED = 2000
+"""Iterations without a smaller change than ever before, at the level of rounding, after which none is to be expected."""
 
 UNWATCHED = 19
 """Iterations between two looks at the largest change."""
@@ -39,7 +42,7 @@ class Sweeps:
     Args:
         potential: on all cells, its `residuals` the largest relative one of any cell.
         iterations: k of the paper's table 1.
-        seconds: t of table 1, iterations and direct steps.
+        seconds: t of table 1, iterations and direct steps; processor time, so what else the machine does is not counted.
         omega: the weight that was used.
         changes: largest change of any node in each iteration, nan where it was not looked at, (iterations,).
     """
@@ -56,7 +59,7 @@ def sweep(
     scheme: Scheme = "quarter",
     iteration: Iteration = "sor",
     omega: float | None = None,
-    tolerance: float = 1e-15,
+    tolerance: float | None = None,
     max_iterations: int = 1_000_000,
 ) -> Sweeps:
     """Solve by the paper's algorithms 1 to 3, in the formulation w = 1 - u.
@@ -64,14 +67,15 @@ def sweep(
     Args:
         scheme: which nodes iterate; the others follow directly.
         omega: weight of SOR in (0, 2), by default the best one (`best_omega`).
-        tolerance: stop when no node changes by more (eq. 18, maximum norm), absolutely as in the paper.
+        tolerance: stop when no node changes by more (eq. 18, maximum norm), absolutely as in the paper; by default its 1e-15, or
+            what doubles reach with this omega.
 
     Raises:
         ParameterError: omega outside (0, 2) or with an iteration that has none, a tolerance that doubles cannot reach, a
             problem with walls that reflect or with several goals, which the paper's lattices do not know.
-        BudgetExhausted: `max_iterations` did not suffice.
+        BudgetExhausted: `max_iterations` did not suffice, or the changes have come down to rounding errors above the tolerance.
     """
-    check_sweep(problem, scheme, tolerance)
+    check_sweep(problem, scheme, REACHABLE if tolerance is None else tolerance)
     if iteration not in ("jacobi", "gauss-seidel", "sor"):
         raise ParameterError(f"iteration is jacobi, gauss-seidel or sor, not {iteration!r}")
     if iteration != "sor" and omega is not None:
@@ -80,10 +84,14 @@ def sweep(
         raise ParameterError(f"SOR converges for omega between 0 and 2 (both excluded), not for {omega}")
     lattice = make_lattice(problem, scheme)
     weight = 1.0 if iteration != "sor" else best_omega(problem, scheme) if omega is None else float(omega)
-    begin = time.perf_counter()
+    if tolerance is None:
+        tolerance = reachable(weight)
+    elif tolerance < reachable(weight):
+        raise ParameterError(f"tolerance {tolerance} is below what doubles reach with omega {weight}: {reachable(weight):.1e}")
+    begin = time.process_time()
     u, changes = _iterate(lattice, weight, iteration == "jacobi", tolerance, max_iterations)
     field = fill_in(problem, lattice, u)
-    seconds = time.perf_counter() - begin
+    seconds = time.process_time() - begin
     residual = largest_residual(field, problem.inverse_degree)
     name = f"{scheme}-sweep {iteration}"
     return Sweeps(Potential(problem, field, None, name, np.array([residual])), len(changes), seconds, weight, changes)
@@ -125,6 +133,16 @@ def best_omega(problem: LaplaceProblem, scheme: Scheme = "quarter", accuracy: fl
         previous, vector = vector, following / beta
     rho = min(max(float(rho), 0.0), 1.0 - 1e-12)
     return 2.0 / (1.0 + math.sqrt(1.0 - rho * rho))
+
+
+def reachable(omega: float) -> float:
+    """Smallest threshold on the change in an iteration that SOR meets in doubles: 1e-15, or 1.5 eps / sqrt(2 - omega).
+
+    Rounding kicks every value by some eps / 2 next to the goal, where w is near 1. A mode that SOR multiplies by l with
+    |l| = omega - 1 then keeps changing, with a variance of 2 / (1 + Re l) of the kick's: 2 / (2 - omega) where l is near
+    1 - omega. The largest change of a million nodes is about six such standard deviations.
+    """
+    return max(REACHABLE, 1.5 * float(np.finfo(float).eps) / math.sqrt(2.0 - omega))
 
 
 def check_sweep(problem: LaplaceProblem, scheme: str, tolerance: float) -> None:
@@ -186,7 +204,8 @@ def _iterate(lattice: Lattice, omega: float, jacobi: bool, tolerance: float, max
     layers[goal_layer, goal_row, goal_col // 2] = 1.0
     where = (packing.odd, packing.spans, packing.span_start, packing.singles, packing.single_start, rotated, omega)
     changes: list[float] = []
-    last = math.inf
+    last = least = math.inf
+    least_at = 0
     while len(changes) < max_iterations:
         # far from the end only every twentieth change is looked at; small lattices converge too fast for that
         if not jacobi and last > 10 * tolerance and max_iterations - len(changes) > UNWATCHED and lattice.state.size > 40_000:
@@ -196,6 +215,10 @@ def _iterate(lattice: Lattice, omega: float, jacobi: bool, tolerance: float, max
         changes.append(last)
         if last <= tolerance:
             return _unpack(layers, lattice.state, odd, rotated), np.array(changes)
+        if last < least:
+            least, least_at = last, len(changes)
+        if least < 1e-13 and len(changes) - least_at >= STALLED:
+            raise BudgetExhausted(f"the changes have come down to rounding errors of {least:.1e}, not to {tolerance}")
     raise BudgetExhausted(f"the largest change is {last:.1e} after {max_iterations} iterations, not yet {tolerance}")
 
 

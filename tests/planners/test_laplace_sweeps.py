@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planners.laplace import Sweeps, best_omega, block_sweep, laplace_problem, solve, sweep
+from planners.laplace import Sweeps, best_omega, block_sweep, laplace_problem, solve, sweep, sweeps
 from planners.laplace.blocks import pair_inverses, ring_inverses
 from planners.laplace.lattice import make_lattice
+from planners.laplace.sweeps import reachable
 from robocar.core import BudgetExhausted, ParameterError
 
 SCHEMES = ("full", "half", "quarter", "octo")
@@ -206,6 +207,23 @@ def test_the_papers_threshold_is_met_and_what_lies_below_is_refused() -> None:
     assert sweep(walled(), "full", "sor", tolerance=1e-15).changes[-1] <= 1e-15
     with pytest.raises(ParameterError, match="smallest is 1e-15"):
         sweep(walled(), tolerance=1e-16)
+
+
+@pytest.mark.parametrize("omega", [1.87, 1.95, 1.99, 1.999])
+def test_near_omega_2_the_default_threshold_is_what_rounding_leaves(omega) -> None:
+    # oracle: the iteration itself; 1e-15 for the paper's omegas, then growing like 1 / sqrt(2 - omega)
+    found = sweep(empty_box(40), "full", "sor", omega, max_iterations=60_000)
+    assert found.changes[-1] <= reachable(omega)
+    assert reachable(omega) == pytest.approx(max(1e-15, 1.5 * 2.0**-52 * (2.0 - omega) ** -0.5))
+    assert reachable(1.87) == 1e-15
+
+
+def test_changes_that_are_rounding_errors_end_the_iteration(monkeypatch) -> None:
+    with pytest.raises(ParameterError, match=r"omega 1.999: 1.1e-14"):
+        sweep(empty_box(40), "full", "sor", 1.999, tolerance=1e-15)
+    monkeypatch.setattr(sweeps, "reachable", lambda omega: 1e-15)  # as if nobody knew
+    with pytest.raises(BudgetExhausted, match="rounding errors"):
+        sweep(empty_box(40), "full", "sor", 1.999, tolerance=1e-15)
 
 
 @pytest.mark.parametrize("omega", [0.0, 2.0, -1.0, 2.5, float("nan")])
