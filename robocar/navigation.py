@@ -18,6 +18,7 @@ from typing import Protocol
 from robocar.core import (
     SE2,
     STOP,
+    Array,
     Belief,
     Command,
     Done,
@@ -39,6 +40,8 @@ from robocar.core.trace import Drawable
 from robocar.core.truth import GroundTruth
 from robocar.recording import Recorder
 
+FORGETTING = 2.0  # [s] that a navigator may take to see that a mover has left the goal
+
 
 class Car(Protocol):
     """What the loop drives: the simulation."""
@@ -52,6 +55,10 @@ class Car(Protocol):
     def diverged(self) -> str | None: ...
 
     def kidnap(self, pose: SE2) -> None: ...
+
+    def mover_at(self, point: Array) -> str | None:
+        """Name of a moving obstacle that leaves the car no room at a point (2,) [m]; asked only where there are some."""
+        ...
 
     @property
     def busy(self) -> bool:
@@ -120,6 +127,8 @@ class Episode:
     _kidnapped: int = 0
     _standing: bool = True
     _driven: bool = False
+    _taken_by: str | None = None
+    _taken_at: float = -math.inf
 
     @property
     def done(self) -> bool:
@@ -144,12 +153,22 @@ class Episode:
             self._arrive(self.goal, truth)
         elif isinstance(command, Done):
             self.end("success", command.reason)
-        elif isinstance(command, GiveUp):
+        elif isinstance(command, GiveUp) and not self._mover_on_goal(car, truth):
             self.end(command.status, command.reason)
         elif truth.time >= self.rules.time_limit - 1e-9:
-            self.end("timeout", f"not there after {self.rules.time_limit:g} s")
+            taken = f": mover {mover!r} stands on the goal" if (mover := self._mover_on_goal(car, truth)) else ""
+            self.end("timeout", f"not there after {self.rules.time_limit:g} s{taken}")
         elif not self._progress(car, tick):
             self.end("stuck", f"no progress for {self.rules.movement_time:g} s at ({truth.pose.x:.2f}, {truth.pose.y:.2f})")
+
+    def _mover_on_goal(self, car: Car, truth: GroundTruth) -> str | None:
+        """Which one, if any, or was until just now: whoever gives up or stands still then has to wait until the time is over."""
+        if self.goal is None or not truth.movers:
+            return None
+        mover = car.mover_at(self.goal.position)
+        if mover is not None:
+            self._taken_by, self._taken_at = mover, truth.time
+        return self._taken_by if truth.time - self._taken_at <= FORGETTING else None
 
     def _arrive(self, goal: Goal, truth: GroundTruth) -> None:
         distance = math.hypot(truth.pose.x - goal.position[0], truth.pose.y - goal.position[1])
@@ -159,7 +178,7 @@ class Episode:
             self.end("missed", f"believes to be at the goal but is {distance:.2f} m from it")
 
     def _progress(self, car: Car, tick: Tick) -> bool:
-        """Nav2's progress checker; turning, and holding for a command in execution, count as progress."""
+        """Nav2's progress checker; turning, holding for a command in execution and waiting for the goal count as progress."""
         rules, truth = self.rules, tick.truth
         moved = (
             self._anchor is None
@@ -167,7 +186,7 @@ class Episode:
             or self._anchor.distance_to(truth.pose) >= rules.movement_radius
             or abs(wrap_angle(self._anchor.theta - truth.pose.theta)) >= rules.movement_angle
         )
-        if moved:
+        if moved or (truth.time - self._anchor_time > rules.movement_time and self._mover_on_goal(car, truth)):
             self._anchor, self._anchor_time = truth.pose, truth.time
         return truth.time - self._anchor_time <= rules.movement_time
 

@@ -128,3 +128,18 @@ def test_a_run_with_a_cart_that_comes_towards_the_standing_car() -> None:
     assert result.value("movers/closest_approach") == pytest.approx(0.5 - 0.2 - 0.1, abs=0.012)
     # From its start 1.0 m away at full speed; just before it brakes it is nearest in time.
     assert result.value("movers/min_time_to_collision") == pytest.approx(0.2 / 0.2, abs=0.35)
+
+
+@pytest.mark.parametrize(("speed", "status"), [(0.0, "timeout"), (0.05, "success")])
+def test_a_mover_on_the_goal_is_waited_for(speed: float, status: str) -> None:
+    """It stands there for ever, or creeps off: half of the box and of the car are clear of each other after 5 s."""
+    cart = {"name": "cart", "box": [0.3, 0.3, 0.3], "waypoints": [[1.5, 0.5], [2.9, 0.5]], "speed": speed}
+    scenario = {
+        "map": "maps/thesis_field.yaml", "start": [0.5, 0.5, 0.0], "goal": [1.5, 0.5], "time_limit": 25.0, "movers": [cart],
+        "robot": {"lidar": "scan360"}, "progress": {"movement_time_allowance": 5.0},
+    }  # fmt: skip
+    result = run(scenario, navigator="a-star", estimator="truth", seed=1)
+    assert result.status == status
+    assert status == "success" or result.reason == "not there after 25 s: mover 'cart' stands on the goal"
+    assert result.value("contacts") == result.value("contacts_standing") == 0
+    assert (result.value("duration") or 0.0) > 5.0

@@ -46,6 +46,7 @@ class Car:
     trouble_from: float = math.inf
     busy_until: float = -1.0
     pushed: Twist = Twist()
+    mover_until: float = -1.0
     diary: list[Any] = field(default_factory=list)
     pose: SE2 = SE2()
     twist: Twist = Twist()
@@ -72,7 +73,8 @@ class Car:
     def ground_truth(self) -> GroundTruth:
         touching = self.time >= self.contact_from - 1e-9
         # A wall stops the car at once; a mover pushes it.
-        return GroundTruth(self.time, self.pose, self.pushed if touching else self.twist, contact=touching)
+        movers = {} if self.mover_until < 0 else {"cart": SE2(2.0, 0.0)}
+        return GroundTruth(self.time, self.pose, self.pushed if touching else self.twist, movers=movers, contact=touching)
 
     def diverged(self) -> str | None:
         return "the state is not finite" if self.time >= self.trouble_from - 1e-9 else None
@@ -80,6 +82,9 @@ class Car:
     def kidnap(self, pose: SE2) -> None:
         self.diary.append(("kidnap", self.time, pose))
         self.pose = pose
+
+    def mover_at(self, point: np.ndarray) -> str | None:
+        return "cart" if self.time < self.mover_until else None
 
 
 @dataclass
@@ -285,6 +290,27 @@ class TestJudge:
         episode = drive(answer=lambda tick: STOP, kidnaps=kidnaps, time_limit=9.0, movement_time=1.0)[0]
         assert episode.status == "stuck"
         assert episode.ticks[-1].truth.time == pytest.approx(2.0)
+
+    def test_while_a_mover_stands_on_the_goal_nobody_gives_up(self) -> None:
+        """It leaves after 1 s: until 2 s later giving up and standing still are waiting, afterwards they are what they were."""
+
+        def give_up(tick: int) -> GiveUp:
+            return GiveUp("goal occupied")
+
+        episode, car, *_ = drive(Car(mover_until=1.0), give_up, goal(5.0), time_limit=9.0)
+        assert (episode.status, episode.reason) == ("no_path", "goal occupied")
+        assert car.time == pytest.approx(2.9 + 0.1, abs=0.11)  # 0.9 s, when it is seen there for the last time, and 2 s
+        episode, car, *_ = drive(Car(mover_until=9.0), give_up, goal(5.0))
+        assert (episode.status, episode.reason) == ("timeout", "not there after 2 s: mover 'cart' stands on the goal")
+        assert car.time == pytest.approx(2.0)
+        idle = {"answer": lambda tick: STOP, "goal": goal(5.0), "movement_time": 0.5}
+        episode, car, *_ = drive(Car(mover_until=1.0), time_limit=9.0, **idle)
+        assert episode.status == "stuck"
+        assert 2.8 < car.time < 4.0
+        assert drive(Car(mover_until=9.0), **idle)[0].status == "timeout"
+        # One that stands elsewhere changes nothing.
+        episode, car, *_ = drive(Car(mover_until=0.0), give_up, goal(5.0))
+        assert (episode.status, car.time) == ("no_path", 0.0)
 
 
 class TestInterrupt:

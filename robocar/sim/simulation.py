@@ -46,6 +46,7 @@ World: TypeAlias = mujoco.MjSpec
 _WHEELS = ("front_left", "rear_left", "front_right", "rear_right")
 _SWEEP_ANGLE, _SWEEP_RATE = 1.3, 1.2  # [rad] to either side, [rad/s]
 _CONTACT_CHECK_DISTANCE = 0.05  # [m] nothing nearer at a tick's start: no contact is possible before the next one
+_DOUBT = 0.10  # [m] by which a costmap of usual cells and inflation may see an obstacle nearer than it is
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,6 +234,11 @@ class Simulation:
             for mover in self._movers:
                 self._room = min(self._room, mover.distance(self.data, corners))
         return self._room
+
+    def mover_at(self, point: Array) -> str | None:
+        """Name of a mover that is so near to a point (2,) [m] that a car could not be sure to have room there."""
+        room = self.robot.footprint.circumscribed_radius + _DOUBT
+        return next((m.name for m in self._movers if m.distance(self.data, np.reshape(point, (1, 2))) < room), None)
 
     def kidnap(self, pose: SE2) -> None:
         """Put the car somewhere else, at rest, between two ticks."""
