@@ -173,6 +173,7 @@ def _fill(
         first = math.ceil((heading + a) / _BIN)
         count = math.floor((heading + a + width) / _BIN) - first + 1
         if width > bridged:  # a gap; or the second lies before the first, seen from the robot's centre
+            number += 1
             continue
         one = False
         if hits[j] and hits[k]:
