@@ -6,12 +6,13 @@ import os
 import signal
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from robocar.core import STOP, Context
+from robocar.core import STOP, Context, Drive, Twist
 
 
 class _Standing:
@@ -73,3 +74,26 @@ def raises_in_the_loop(context: Context) -> _Standing:
 def slow(context: Context) -> _Standing:
     """A second of wall time, so that somebody can interrupt."""
     return _Standing(lambda: (_mark("slow"), time.sleep(1.0)))
+
+
+@dataclass(frozen=True)
+class Parameters:
+    after: int = 10_000
+
+
+class _Knee:
+    """Drives straight on, and turns from one tick on."""
+
+    def __init__(self, after: int) -> None:
+        self._after, self._tick = after, -1
+
+    def reset(self, rng: np.random.Generator) -> None:
+        self._tick = -1
+
+    def command(self, belief: Any, mapper: Any, observation: Any, goal: Any) -> Any:
+        self._tick += 1
+        return Drive(Twist(0.2, 0.5 if self._tick >= self._after else 0.0))
+
+
+def knee(context: Context) -> _Knee:
+    return _Knee(context.parameters_of(Parameters).after)
