@@ -50,6 +50,7 @@ _TURN_TO = math.radians(2.0)
 _STEER = 2.0  # [1/s] smaller ones are steered away while driving
 _GUARD = 0.015  # [m] around the outline, kept while moving
 _TURN_ROOM = 0.005  # [m] around the outline, kept while turning
+_STIRRED = 0.02  # [m]
 _REACTION = 0.15  # [s] from a scan to the brakes
 
 
@@ -401,14 +402,18 @@ class Boundary:
         self.side, self.heading, self.step = side, heading, step
         self.travelled = 0.0
         self._last: Array | None = None
+        self._reference, self._moved = heading, 0.0
 
     def move(self, view: View) -> Move:
         """The next straight motion; stands where the circle cannot move at all."""
         if self._last is not None:
-            self.travelled += math.dist(self._last, view.centre)
+            way = math.dist(self._last, view.centre)
+            self.travelled, self._moved = self.travelled + way, self._moved + way
+            if self._moved > _STIRRED:  # while it only turns, the sides stay where they are
+                self._reference, self._moved = self.heading, 0.0
         self._last = view.centre
         x, y = view.centre
-        start = self.heading + self.side * self._BACK
+        start = self._reference + self.side * self._BACK
         for radius in (view.circle.radius, view.passing_radius, view.circle.body):
             heading = first_free(view.hits, x, y, start, -self.side, self._SPAN, radius, self.step, self._STEP)
             if not math.isnan(heading):

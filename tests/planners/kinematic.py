@@ -53,7 +53,13 @@ def sense(robot: Robot, world: OccupancyGrid, pose: SE2, time: float) -> Observa
         at = pose @ sonar.robot_from_sensor
         rays = cast_rays(world, world.occupied, at.position, at.theta + np.linspace(-BEAM / 2, BEAM / 2, 9), sonar.max_range)
         scans.append(Scan(time, np.array([rays.min()]), np.zeros(1), sonar.max_range, BEAM, sonar.robot_from_sensor))
-    return Observation(time, sonars=tuple(scans))
+    lidar = None
+    if robot.lidar is not None:
+        at = pose @ robot.lidar.robot_from_sensor
+        bearings, reach = robot.lidar.bearings, robot.lidar.max_range
+        ranges = cast_rays(world, world.occupied, at.position, at.theta + bearings, reach)
+        lidar = Scan(time, ranges, bearings, reach, 0.0, robot.lidar.robot_from_sensor)
+    return Observation(time, sonars=tuple(scans), lidar=lidar)
 
 
 @dataclass
