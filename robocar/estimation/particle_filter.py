@@ -65,9 +65,9 @@ class FilterParameters:
     range_std: float = 0.025
     outlier: float = 0.05
     resample: str = "systematic"
-    resample_below: float = 0.3
-    scatter_xy: float = 0.008
-    scatter_theta: float = 0.006
+    resample_below: float = 0.5
+    scatter_xy: float = 0.012
+    scatter_theta: float = 0.009
     recovery_alpha_slow: float = 0.01
     recovery_alpha_fast: float = 0.2
     recovery_ratio: float = 3.0

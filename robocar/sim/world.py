@@ -130,6 +130,7 @@ def _set_visuals(spec: mujoco.MjSpec, grid: OccupancyGrid, wall_height: float) -
     visual = spec.visual
     visual.quality.shadowsize = 0
     visual.quality.offsamples = 0
+    visual.quality.numslices, visual.quality.numstacks = 64, 32  # round balls: with 28 facets one looks 0.4 % farther away
     visual.global_.offwidth, visual.global_.offheight = TOP_CAMERA_SIZE
     extent = math.hypot(*grid.size)
     center = grid.corners().mean(axis=0)
