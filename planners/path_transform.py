@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planners.grid_search import LazyTrace, endpoints, no_path, path_through
 from planners import transforms
+from planners.grid_search import LazyTrace, endpoints, no_path, path_through
 from planners.transforms import descend
 from robocar.core import LETHAL, Array, Context, Costmap, Field, Plan
 

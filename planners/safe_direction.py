@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -43,11 +45,12 @@ from robocar.core import (
     Points,
     Robot,
     Scalar,
+    Scan,
     Text,
     Trace,
     Twist,
 )
-from robocar.core.trace import PLAN_COLOR
+from robocar.core.trace import PLAN_COLOR, Drawable
 
 _REACHED = 0.10  # [m] from a local target, where it counts as reached
 _REVERSAL = math.radians(60.0)  # a turn sharper than this waits until the local target is reached
@@ -57,6 +60,8 @@ _TURNING = 0.15  # [m/rad] what turning counts as, in metres of way
 _DOUBT, _DOUBT_SHARE = 0.1, 0.02  # [m, 1] by which a way may seem shorter than an earlier bound: errors of cells and readings
 _CONFIRMED = 1.0  # [s] that what lengthens the way has to stay in sight to count: what moves goes away again
 _MOST_GAPS = 12  # that are closed at most to find a way that is long enough
+_JOINED = 0.12  # [m] hits no farther apart are one surface; wider gaps that are too narrow for the car close as obstacles grow
+_FORGET_AGAIN, _FORGET_MOST = 0.5, 10  # [m, 1] way between two clearings of the memory for want of a way, and their number
 _PICTURE = 5  # decisions from one picture of the grids in the recording to the next
 _ROOM = 1.5  # [cells] more than its growth, the place of the robot itself that counts as seen
 
@@ -165,10 +170,11 @@ class Directions:
         self.sector, self.parameters = sector, parameters
         outline = robot.footprint
         self._growths = [
-            (radius + parameters.padding) / parameters.resolution for radius in (outline.circumscribed_radius, outline.inscribed_radius)
+            (radius + parameters.padding) / parameters.resolution
+            for radius in (outline.circumscribed_radius, outline.inscribed_radius)
         ]  # [cells]
         self._body = self._growths[0] + _ROOM
-        self._join = 2.0 * self._growths[0]
+        self._join = _JOINED / parameters.resolution
 
     def readings(self, pose: SE2, panorama: Panorama) -> Readings:
         """The panorama on cells around `pose` (world_from_robot)."""
@@ -267,14 +273,37 @@ class SafeDirection:
     """
 
     def __init__(
-        self, robot: Robot, period: float, pursuit: PurePursuit, memory: RollingMemory | None, parameters: Parameters | None = None
+        self,
+        robot: Robot,
+        period: float,
+        pursuit: PurePursuit,
+        memory: RollingMemory | None,
+        parameters: Parameters | None = None,
     ) -> None:
         self.parameters = p = parameters or Parameters()
         self.robot, self.pursuit, self.memory, self._period = robot, pursuit, memory, period
         self.sector = sector_of(robot, p.view_angle, p.max_range)
         self.directions = Directions(robot, self.sector, p)
-        self.panorama = Panorama(self.sector, p.resolution, 2.0 * (robot.footprint.circumscribed_radius + p.padding))
+        self.panorama = Panorama(self.sector, p.resolution, _JOINED)
         self._forget()
+        self._compile()
+
+    def _compile(self) -> None:
+        """Compiles here, not in the control loop: a look around a closed room, and the bound carried from it."""
+        sensors = (self.robot.lidar,) if self.robot.lidar is not None else self.robot.sonars
+        scans = tuple(
+            Scan(0.0, np.full(len(s.bearings), 1.0), s.bearings, s.max_range, s.beam_width, s.robot_from_sensor) for s in sensors
+        )
+        laser = scans[0] if self.robot.lidar is not None else None
+        observation = Observation(0.0, sonars=() if laser is not None else scans, lidar=laser)
+        for x in (0.3, 20.0):
+            goal = Goal(np.array([x, 0.1]))
+            self.command(Belief(SE2()), None, None, observation, goal)
+            seen = self.directions.readings(SE2(), self.panorama)
+            self.directions.decide(seen, 0.0, goal.position, 100.0)
+        fan(np.zeros(3), np.ones((3, 3)), 1.5, 1.5, 1.0, 1.0, True)
+        descend(np.ones((3, 3)), (1, 1))
+        self.reset(np.random.default_rng(0))
 
     def reset(self, rng: np.random.Generator) -> None:
         """A new episode; there is no chance in it."""
@@ -297,7 +326,7 @@ class SafeDirection:
         self._bounds: deque[tuple[float, float]] = deque()  # of the last seconds: time, way to the goal plus way driven
         self._waiting_since: float | None = None
         self._turning = False
-        self._forgotten = False
+        self._forgotten, self._forgotten_at = 0, -math.inf
         self._decisions = 0
 
     def command(
@@ -316,7 +345,7 @@ class SafeDirection:
     def _decide_and_drive(self, belief: Belief, observation: Observation, goal: Goal) -> Command:
         pose = belief.pose
         if self._goal is None or not np.array_equal(self._goal.position, goal.position):
-            self._goal, self._target, self._idle, self._forgotten = goal, None, 0.0, False
+            self._goal, self._target, self._idle, self._forgotten = goal, None, 0.0, 0
             self._bound = 0.0
             self._bounds.clear()
             self._ground.clear()
@@ -413,15 +442,19 @@ class SafeDirection:
             return GiveUp(
                 f"going in circles: {self._idle:.1f} m driven without new ground, {apart:.2f} m from the goal; {why}", "stuck"
             )
-        if buried and decision.choice is not None and float(decision.distance[int(seen.y), int(seen.x)]) * seen.grid.resolution <= (
-            self._nearest(decision) + _REACHED
+        if (
+            buried
+            and decision.choice is not None
+            and float(decision.distance[int(seen.y), int(seen.x)]) * seen.grid.resolution <= (self._nearest(decision) + _REACHED)
         ):
-            return GiveUp(f"the goal ({x:.2f}, {y:.2f}) lies in an obstacle; {apart:.2f} m from it is as near as the car gets", "stuck")
+            return GiveUp(
+                f"the goal ({x:.2f}, {y:.2f}) lies in an obstacle; {apart:.2f} m from it is as near as the car gets", "stuck"
+            )
         if decision.choice is not None:
             self._waiting_since = None
             return None
-        if self.memory is not None and not self._forgotten:
-            self._forgotten = True
+        if self.memory is not None and self._forgotten < _FORGET_MOST and self._driven - self._forgotten_at >= _FORGET_AGAIN:
+            self._forgotten, self._forgotten_at = self._forgotten + 1, self._driven
             self.memory.forget()
             return replace(STOP, trace={"safe_direction": Text("no way: what was seen is forgotten", "WARN")})
         if self._waiting_since is None:
@@ -458,15 +491,13 @@ class SafeDirection:
 
     # -- motion ---------------------------------------------------------------------------------------------------------
 
-    def _drive(
-        self, belief: Belief, seen: Readings, target: Array, observation: Observation, goal: Goal, trace: Trace
-    ) -> Drive:
+    def _drive(self, belief: Belief, seen: Readings, target: Array, observation: Observation, goal: Goal, trace: Trace) -> Drive:
         """Pure pursuit of the straight way to the target, slow enough for what may come the other way."""
         path = Path(np.stack([belief.pose.position, target]))
         drive = self.pursuit.command(belief, path, self._costmap(seen), observation, goal)
-        slow = self._share_of_speed(seen, belief.pose, drive.twist.v)
-        twist = Twist(drive.twist.v * slow, drive.twist.omega * slow) if slow < 1.0 else drive.twist
-        return Drive(twist, trace=LazyTrace({name: (lambda n=name: trace[n]) for name in trace} | {n: (lambda n=n: drive.trace[n]) for n in drive.trace}))
+        v, omega = drive.twist.v, drive.twist.omega
+        slow = min(self._share_of_speed(seen, belief.pose, v), self.robot.limits.max_vel_theta / max(abs(omega), 1e-9), 1.0)
+        return Drive(Twist(slow * v, slow * omega), trace=LazyTrace(_makers(drive.trace) | _makers(trace)))
 
     def _rotate(self, belief: Belief, seen: Readings, heading: float, observation: Observation) -> Drive:
         """Turns on the spot."""
@@ -539,6 +570,11 @@ class SafeDirection:
                 ),
             }
         return LazyTrace(shown | {name: (lambda text=text: text) for name, text in notes.items()})
+
+
+def _makers(trace: Trace) -> dict[str, Callable[[], Drawable]]:
+    """The drawables of a trace, made when looked at."""
+    return {name: partial(trace.__getitem__, name) for name in trace}
 
 
 def build(context: Context) -> Reactive:

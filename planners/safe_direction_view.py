@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from robocar.core import SE2, Array, GridMap, RangeSensor, Robot, Scan, ScenarioError
+from robocar.core import SE2, Array, GridMap, Robot, Scan, ScenarioError
 
 BINS = 720
 """Directions in the map frame that a panorama is kept in, half a degree each."""
@@ -84,7 +84,7 @@ class Panorama:
     """
 
     def __init__(self, sector: Sector, resolution: float, join: float) -> None:
-        """`join` [m]: hits of neighbouring beams that are no farther apart are one obstacle: the robot does not fit between."""
+        """`join` [m]: hits of neighbouring beams that are no farther apart are one surface."""
         self.sector, self.resolution, self._join = sector, resolution, join
         self.forget()
 
@@ -112,7 +112,7 @@ class Panorama:
         # Surfaces of an earlier scan of the panorama have other numbers.
         first = int(self.surface.max()) + 1
         _fill(
-            self.ranges, self.hit, self.surface, points, hits, pose.theta, pairs, self._join, laser is None, self.sector.whole, first,
+            self.ranges, self.hit, self.surface, points, hits, pose.theta, pairs, self._join, laser is not None, self.sector.whole, first,
         )  # fmt: skip
         return True
 
@@ -154,13 +154,13 @@ def _echoes(sonars: tuple[Scan, ...], sector: Sector) -> tuple[Array, NDArray[np
 @njit(cache=True)
 def _fill(
     ranges: NDArray, hit: NDArray, surface: NDArray, points: NDArray, hits: NDArray, heading: float, bridged: float, join: float,
-    cautious: bool, around: bool, number: int,
+    thin: bool, around: bool, number: int,
 ) -> None:  # fmt: skip
     """Enters the ends of beams, sorted by bearing, into the directions between them.
 
-    Between two beams that hit one surface lies that surface, else what the nearer beam in angle says, or, where `cautious`, the
-    shorter one. One surface it is if the hits are close, or if a third one lies on the line through them: along a wall seen at
-    grazing incidence neighbouring hits are far apart.
+    Between two beams that hit one surface lies that surface, else what the nearer beam in angle says. One surface it is if the
+    hits are close, or, where the beams are `thin`, if a third one lies on the line through them: along a wall seen at grazing
+    incidence neighbouring hits are far apart.
     """
     n = len(points)
     for j in range(n if around else n - 1):
@@ -181,7 +181,7 @@ def _fill(
             apart = math.hypot(dx, dy)
             one = apart <= join
             for i, m in ((j - 1, j), (k, (k + 1) % n)):
-                if hits[i] and hits[m] and not one and not cautious:
+                if hits[i] and hits[m] and not one and thin:
                     ex, ey = points[m, 0] - points[i, 0], points[m, 1] - points[i, 1]
                     before = math.hypot(ex, ey)
                     one = dx * ex + dy * ey >= _STRAIGHT * apart * before and 0.0 < apart <= 2.0 * before
@@ -190,7 +190,7 @@ def _fill(
             share = ((first + b) * _BIN - heading - a) / max(width, 1e-9)
             if one:
                 ranges[place], hit[place], surface[place] = (1.0 - share) * ra + share * rb, True, number
-            elif (ra <= rb) if cautious else (share <= 0.5):
+            elif share <= 0.5:
                 ranges[place], hit[place], surface[place] = ra, hits[j], number
             else:
                 ranges[place], hit[place], surface[place] = rb, hits[k], number + 1

@@ -80,8 +80,16 @@ def goal_seeds(blocked: NDArray[np.bool_], goal: ArrayLike, metric: Metric) -> S
                 cells = near[inside]
     else:
         cells = np.concatenate(
-            [np.stack([np.full(cols, edge), np.arange(cols)], axis=1) for edge in (0, rows - 1) if (row < 0, row >= rows)[edge > 0]]
-            + [np.stack([np.arange(rows), np.full(rows, edge)], axis=1) for edge in (0, cols - 1) if (col < 0, col >= cols)[edge > 0]]
+            [
+                np.stack([np.full(cols, edge), np.arange(cols)], axis=1)
+                for edge in (0, rows - 1)
+                if (row < 0, row >= rows)[edge > 0]
+            ]
+            + [
+                np.stack([np.arange(rows), np.full(rows, edge)], axis=1)
+                for edge in (0, cols - 1)
+                if (col < 0, col >= cols)[edge > 0]
+            ]
         )
     cells = cells[~blocked[tuple(cells.T)]]
     if metric == "euclidean":
