@@ -195,14 +195,19 @@ def solid(shape: Solid, color: palette.Rgb) -> rr.AsComponents:
                 colors=[palette.rgba32(color)],
                 fill_mode="solid",
             )
-        case Cylinder(radius, height):
-            return rr.Cylinders3D(
-                centers=[[pose.x, pose.y, height / 2]],
-                lengths=[height],
-                radii=[radius],
-                colors=[palette.rgba32(color)],
-                fill_mode="solid",
-            )
+        case Cylinder():
+            return cylinders([shape], color)
+
+
+def cylinders(shapes: Sequence[Cylinder], color: palette.Rgb) -> rr.Cylinders3D:
+    """Cylinders on the floor."""
+    return rr.Cylinders3D(
+        centers=[[shape.pose.x, shape.pose.y, shape.height / 2] for shape in shapes],
+        lengths=[shape.height for shape in shapes],
+        radii=[shape.radius for shape in shapes],
+        colors=[palette.rgba32(color)],
+        fill_mode="solid",
+    )
 
 
 def outline(vertices: Array, z: float) -> NDArray[np.float32]:
@@ -300,8 +305,10 @@ def log_scenery(stream: Streams, scenery: Scenery) -> None:
             static("world/map/truth/walls", walls(truth, scenery.wall_height))
     if (prior := scenery.prior) is not None:
         static("world/map/prior", grid_image(prior, palette.PRIOR[prior.data.view(np.uint8)], PRIOR_LAYER))
-    for k, shape in enumerate(scenery.solids):
+    for k, shape in enumerate(shape for shape in scenery.solids if isinstance(shape, Box)):
         static(f"world/obstacles/{k}", solid(shape, palette.SOLID))
+    if pillars := [shape for shape in scenery.solids if isinstance(shape, Cylinder)]:
+        static("world/obstacles/cylinders", cylinders(pillars, palette.SOLID))  # some worlds have hundreds
     for name, shape in scenery.movers.items():
         static(f"world/movers/{rr.escape_entity_path_part(name)}/shape", solid(shape, palette.MOVER))
     if scenery.landmarks:
