@@ -12,7 +12,7 @@ export MUJOCO_GL ?= egl
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo test check format format-check lint types bench clean
+.PHONY: help demo test check format format-check lint types regression baseline bench clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -50,6 +50,17 @@ lint: $(VENV)/.ready-dev ## ruff's rules (pyproject.toml)
 
 types: $(VENV)/.ready-dev ## pyright
 	@$(BIN)/pyright
+
+# The quick suite against its baseline: fails where a navigator behaves differently, or on another machine where it is worse.
+regression: $(VENV)/.ready-dev ## has any navigator changed its behaviour?
+	@rm -rf runs/quick
+	@$(BIN)/robocar sweep quick --out runs/quick
+	@$(BIN)/robocar compare models/suites/quick.baseline.json runs/quick
+
+baseline: $(VENV)/.ready-dev ## what the navigators do now is what they shall do: write the baseline of the quick suite anew
+	@rm -rf runs/quick
+	@$(BIN)/robocar sweep quick --out runs/quick
+	@$(BIN)/robocar results runs/quick --baseline models/suites/quick.baseline.json
 
 # One after the other: benchmarks must not share the processor.
 bench: $(VENV)/.ready-bench ## the benchmarks and their tables

@@ -119,5 +119,12 @@ if [ "$1" != demo ] && ! viewer_can_start && ! apt_install "${viewer_packages[@]
     to_type "${viewer_packages[@]}" >&2
 fi
 
+# -- for the test that opens reports in a browser; without one it is skipped ------------------------------------------------
+has_browser() { command -v chromium || command -v chromium-browser || command -v google-chrome; }
+if [ "$1" != demo ] && ! has_browser >/dev/null && ! apt_install chromium; then
+    say "the test of reports in a browser will be skipped; to have it, type:"
+    to_type chromium >&2
+fi
+
 for name in "${covered[@]}"; do touch ".venv/.ready-$name"; done
 say "ready"

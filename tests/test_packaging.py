@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import stat
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from robocar.formats import load_map
+from robocar.run import run
 from robocar.scenario import load_scenario, scenario_names
 
 ROOT = Path(__file__).parents[1]
@@ -66,7 +68,8 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def outside(bin_folder: Path, folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
     """Runs a command of the fresh environment in a folder that is not the checkout."""
-    env = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    # What the fresh environment has to compile need not be fast; the results are the same.
+    env = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | {"NUMBA_OPT": "0"}
     program = str(bin_folder / command[0])
     return subprocess.run([program, *command[1:]], cwd=folder, env=env, capture_output=True, text=True, check=False)
 
@@ -136,6 +139,42 @@ def test_the_console_script_says_its_version(installed: Path, wheel: Path, tmp_p
     assert outside(installed, tmp_path, "robocar", "--version").stdout == f"robocar {wheel.name.split('-')[1]}\n"
 
 
+def test_the_installed_wheel_runs_and_its_suites_are_there(installed: Path, tmp_path: Path) -> None:
+    """Oracle: the same run in this process, from the checkout."""
+    words = ["robocar", "run", "u-trap", "--set", "time_limit=1", "--no-recording", "--json", "--out", str(tmp_path)]
+    done = outside(installed, tmp_path, *words)
+    assert done.returncode == 1, done.stderr
+    found = json.loads(done.stdout)
+    assert (found["status"], found["hash"]) == ("timeout", run("u-trap", settings={"time_limit": 1}).hash)
+    suites = json.loads(outside(installed, tmp_path, "robocar", "list", "suites", "--json").stdout)
+    assert set(suites) == {path.stem for path in (ROOT / "models" / "suites").glob("*.yaml")}
+
+
+def test_a_planner_in_its_own_repository_is_tested_with_the_wheel_alone(installed: Path, tmp_path: Path) -> None:
+    """`examples/own_planner`, step by step as its README says. Oracle: pytest's exit status and words."""
+    project = tmp_path / "own_planner"
+    shutil.copytree(ROOT / "examples" / "own_planner", project, ignore=shutil.ignore_patterns(".*", "__pycache__"))
+
+    def tests(*words: str) -> tuple[int, str]:
+        done = outside(
+            installed, project, "python", "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "tilted or walls", *words
+        )
+        return done.returncode, done.stdout
+
+    status, out = tests("--robocar-update", "--robocar-recordings=none")
+    assert status == 0, out
+    assert "baseline new" in out
+    status, out = tests("--robocar-recordings=none")
+    assert status == 0, out
+    planner = project / "wall_shy.py"
+    planner.write_text(planner.read_text().replace("wall_weight: float = 3.0", "wall_weight: float = 1.0"))
+    status, out = tests()
+    assert status == 1
+    assert "tilted--wall_shy_build--truth--none--s0 is not what its baseline says" in out
+    assert "1 runs behave differently (another hash)" in out
+    assert (project / "robocar-recordings" / "tilted--wall_shy_build--truth--none--s0.rrd").is_file()
+
+
 def test_constraints_pin_all_that_pyproject_asks_for() -> None:
     """Oracle: the version specifiers in pyproject.toml. A pin is `name==version`: no registry, no path, no editable install."""
     lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
@@ -145,7 +184,7 @@ def test_constraints_pin_all_that_pyproject_asks_for() -> None:
     assert len(versions) == len(pins)
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     wanted = [*project["build-system"]["requires"], *project["project"]["dependencies"]]
-    wanted += [line for extra in ("dev", "bench") for line in project["project"]["optional-dependencies"][extra]]
+    wanted += [line for extra in ("dev", "bench", "cluster", "rl") for line in project["project"]["optional-dependencies"][extra]]
     requirements = [Requirement(line) for line in wanted]
     unmet = [str(r) for r in requirements if not r.specifier.contains(versions.get(canonicalize_name(r.name), "0"))]
     assert unmet == []
