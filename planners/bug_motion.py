@@ -51,6 +51,7 @@ _STEER = 2.0  # [1/s] smaller ones are steered away while driving
 _GUARD = 0.015  # [m] around the outline, kept while moving
 _TURN_ROOM = 0.005  # [m] around the outline, kept while turning
 _STIRRED = 0.02  # [m]
+_BACKING = "too close to turn: backing out"
 _REACTION = 0.15  # [s] from a scan to the brakes
 
 
@@ -223,7 +224,7 @@ def narrow_gap(points: Array, x: float, y: float, heading: float, length: float,
     for i in range(len(points)):
         dx, dy = points[i, 0] - x, points[i, 1] - y
         along, lateral = c * dx + s * dy, c * dy - s * dx
-        if -width < along < length + width and abs(lateral) < width:
+        if -width < along < length + passed + width and abs(lateral) < width:
             near[count, 0], near[count, 1] = along, lateral
             count += 1
     first = math.inf
@@ -262,7 +263,7 @@ def _straight(points: Array, front: float, rear: float, half: float, sign: float
     end = front if sign > 0 else rear
     for i in range(len(points)):
         ahead = sign * points[i, 0]
-        if abs(points[i, 1]) < half and ahead > 0.0:
+        if abs(points[i, 1]) < half and ahead > end - 0.02:  # what is beside it is not in its way
             free = min(free, ahead - end)
     return max(0.0, free)
 
@@ -298,6 +299,7 @@ class Motion:
         self._turning = False
         self._last, self._time = Twist(), -math.inf
         self.blocked = self.backing = False
+        self._way_out = 0.0  # 1 ahead, -1 back, while it gets out of where it cannot turn
 
     def stand(self, time: float) -> Twist:
         """Brakes, and stands."""
@@ -327,6 +329,22 @@ class Motion:
         """On the spot, to `heading` [rad]."""
         return self._turn(_robot_frame(hits, pose.x, pose.y, pose.theta), wrap_angle(heading - pose.theta), time)
 
+    def cramped(self, pose: SE2, hits: Array) -> bool:
+        """Whether the robot has no room to turn, but may gain some by driving straight."""
+        local = _robot_frame(hits, pose.x, pose.y, pose.theta)
+        return self._room(local) < self._turning_room and self._back_out(local) != Twist()
+
+    def back_out(self, pose: SE2, hits: Array, time: float) -> Twist:
+        """Straight, to where there is room to turn."""
+        return self._done(self._back_out(_robot_frame(hits, pose.x, pose.y, pose.theta)), time)
+
+    @property
+    def _turning_room(self) -> float:
+        return math.hypot(max(self._front, self._rear), self._half) + 2.0 * _TURN_ROOM
+
+    def _room(self, local: Array) -> float:
+        return float(np.min(np.hypot(local[:, 0], local[:, 1]), initial=math.inf))
+
     @property
     def _fastest(self) -> float:
         return min(self._parameters.rotate_to_heading_angular_vel, self._limits.max_vel_theta)
@@ -336,8 +354,7 @@ class Motion:
         box = self._front + _TURN_ROOM, self._rear + _TURN_ROOM, self._half + _TURN_ROOM
         stretch = math.copysign(min(abs(error), 0.6), error)
         if self.backing:
-            room = float(np.min(np.hypot(local[:, 0], local[:, 1]), initial=math.inf))
-            self.backing = room < math.hypot(max(self._front, self._rear), self._half) + 2.0 * _TURN_ROOM
+            self.backing = self._room(local) < self._turning_room
         if not self.backing and not _turn(local, *box, stretch):
             other = math.copysign(min(math.tau - abs(error), 0.6), -error)
             if abs(error) > 2.0 and _turn(local, *box, other):
@@ -345,18 +362,21 @@ class Motion:
             self.backing = True
         if self.backing:
             return self._done(self._back_out(local), time)
-        self.blocked = False
+        self.blocked, self._way_out = False, 0.0
         rate = min(self._fastest, math.sqrt(self._limits.acc_lim_theta * abs(error)), abs(error) / self._dt(time))
         return self._done(Twist(0.0, math.copysign(rate, error)), time)
 
     def _back_out(self, local: Array) -> Twist:
-        """Straight, the way that gains room: away from the nearest surface if that way is free, else the other."""
+        """Straight, the way that gains room: away from the nearest surface if that way is free, else the other, and on that way until it ends."""
         gap, half, speed = 0.01, self._half + 0.002, min(0.08, -self._limits.min_vel_x)
-        nearest = local[np.argmin(np.hypot(local[:, 0], local[:, 1]))]
-        signs = (-1.0, 1.0) if nearest[0] > 0.0 else (1.0, -1.0)
-        for sign in signs:
+        if not len(local):
+            return Twist()
+        if self._way_out == 0.0:
+            nearest = local[np.argmin(np.hypot(local[:, 0], local[:, 1]))]
+            self._way_out = -1.0 if nearest[0] > 0.0 else 1.0
+        for sign in (self._way_out, -self._way_out):
             if _straight(local, self._front, self._rear, half, sign) > gap and (sign > 0 or speed > 0):
-                self.blocked = False
+                self.blocked, self._way_out = False, sign  # until it is closed
                 return Twist(sign * (speed if speed > 0 else 0.08), 0.0)
         self.backing, self.blocked = False, True
         return Twist()
@@ -468,6 +488,7 @@ class Bug:
         self._hits = np.empty((0, 2))
         self._counted: Array | float | None = None
         self._note = ""
+        self._cramped = True  # until it has been seen that it can turn where it starts
 
     def command(
         self, belief: Belief, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal
@@ -499,12 +520,16 @@ class Bug:
             self.circle,
             self.parameters,
         )
+        if self._cramped and view.fresh:
+            self._cramped = self._motion.cramped(pose, self._hits)
+        if self._cramped:
+            return Drive(self._motion.back_out(pose, self._hits, observation.time), trace=self._said(_BACKING))
         move = self.strategy.step(view)
         trace = self._count(move) | (self.strategy.trace(view) if view.fresh else {})
         if isinstance(move, GiveUp):
             return replace(move, trace=trace | dict(move.trace))
         twist = self._twist(move, view)
-        trace |= self._said("too close to turn: backing out" if self._motion.backing else "")
+        trace |= self._said(_BACKING if self._motion.backing else "")
         return Drive(twist, trace=trace)
 
     def _twist(self, move: To | Along | Stand, view: View) -> Twist:

@@ -33,7 +33,7 @@ from robocar.core import Array, frozen_array
 
 _SEEN_THROUGH = 0.08  # [m] an earlier beam went at least this much farther than what stands there now
 _NEWLY_TAKEN = 0.3  # share of an obstacle's points that stand where it was free, or stood where it is free now
-_FIRST_LOOK_BACK, _LOOK_BACK = 0.35, 0.95  # [s] to the scans that are compared
+_FIRST_LOOK_BACK, _LOOK_BACK = 0.35, 1.45  # [s] to the scans that are compared
 _WINDOW = 1.05  # [s] of positions that give the velocity
 _OFF_LINE = 0.12  # [m] from where it was expected: it has turned or stopped
 _GATE = 0.35  # [m] an obstacle is looked for this near to where it is expected
@@ -73,7 +73,7 @@ class Tracked:
     kind: Kind = Kind.PROVISIONAL
     velocity: Array = field(default_factory=lambda: np.zeros(2))
     history: deque[tuple[float, float, float]] = field(default_factory=lambda: deque(maxlen=32))
-    surface: deque[tuple[float, Array]] = field(default_factory=lambda: deque(maxlen=12))
+    surface: deque[tuple[float, Array]] = field(default_factory=lambda: deque(maxlen=16))
     evidence: int = 0
     first_seen: float = 0.0
 
@@ -231,7 +231,7 @@ class Obstacles:
 
     def _newly_taken(self, panorama: Panorama, points: Array) -> float:
         """Share of an obstacle's points that stand where an earlier scan saw through; the larger of two scans', one a third of a
-        second old, one a second."""
+        second old, one a second and a half."""
         share = 0.0
         for age in (_FIRST_LOOK_BACK, _LOOK_BACK):
             earlier = next((p for p in reversed(self._past) if panorama.time - p.time >= age), None)
@@ -489,7 +489,7 @@ def _overlap(
             continue
         root = math.sqrt(root)
         enter, leave = t0 + (-b - root) / a, t0 + (-b + root) / a
-        if leave <= t0 or enter >= t1 or (d < 0.0 and b >= 0.0):
+        if leave <= t0 or enter >= t1 or (d < 0.0 and b >= 0.0 and first == math.inf):
             continue
         first, last = min(first, max(enter, t0)), max(last, min(leave, t1))
     return first, last

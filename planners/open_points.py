@@ -313,7 +313,9 @@ def _jumps(
                 if 1.0 / far > expected + noise or (far >= max_range and expected < 1.0 / far):
                     continue  # the surface goes on, or bends towards the sensor
                 sure = 1.0 if 1.0 / far < expected - noise else 0.0
-                if m >= 3 and half > 0.0:
+                if m < 3:
+                    edge = bearings[near]  # too little of the surface is seen to continue it
+                elif half > 0.0:
                     at = min(max(1.0 / half, d - 3.0 * std), 0.5 * (d + 1.0 / max(expected, 1e-6)) + 3.0 * std, far)
         found[count, 0], found[count, 1], found[count, 2], found[count, 3] = edge, at, side, sure
         count += 1

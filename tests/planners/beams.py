@@ -125,6 +125,7 @@ def drive(
                 result.status, result.reason = "collision", f"at ({pose.x:.2f}, {pose.y:.2f}), {time:.1f} s"
                 return result
         if goal.reached(pose):
+            result.poses.append(pose)
             result.status = "success"
             return result
     return result
