@@ -76,6 +76,8 @@ class Parameters:
         number_of_directions: of the fan over the sector (eq. 1).
         view_angle: opening angle of the sector ahead that is looked at, at most the sensor's [rad].
         max_range: r_max, up to which readings count, at most the sensor's [m].
+        safe_range: up to which cells count for N [m]; the paper leaves this limit open, or takes r_max. The shorter, the quicker the
+            car comes back to the middle.
         resolution: of the local grids [m].
         metric: of the distance transform: euclidean, octile or jarvis.
         safe_sector: opening angle around the shortest direction in which the safest one is sought [rad]; 2 pi: anywhere in the
@@ -96,6 +98,7 @@ class Parameters:
     number_of_directions: int = 181
     view_angle: float = math.tau
     max_range: float = 3.0
+    safe_range: float = 1.0
     resolution: float = 0.05
     metric: str = "euclidean"
     safe_sector: float = math.pi
@@ -132,7 +135,7 @@ class Parameters:
             )
         if not 0.0 < self.step_share < 1.0:
             raise ValueError(f"step_share lies between 0 and 1 (the local target before the contact), not {self.step_share}")
-        for name in ("max_step", "patience"):
+        for name in ("max_step", "patience", "safe_range"):
             if not 0.1 <= getattr(self, name) < math.inf:
                 raise ValueError(f"{name} must be at least 0.1 m, not {getattr(self, name)}")
         for name in ("padding", "approach_distance", "obstacle_speed", "wait_time"):
@@ -208,7 +211,7 @@ class Directions:
             distance = self._distance(blocked, (gx, gy), (row, col))
             if slim == growth == self._growths[0]:
                 distance = self._consistent(distance, blocked, seen, (gx, gy), bound / r)
-            found = fan(headings, clearance, seen.x, seen.y, self.sector.reach, r, self.sector.whole)
+            found = fan(headings, clearance, seen.x, seen.y, self.sector.reach, r, self.sector.whole, p.safe_range)
             shortest = shortest_direction(distance, seen.x, seen.y, (gx, gy), self.sector.reach / r)
             if shortest is None:
                 continue

@@ -65,7 +65,9 @@ def directions(heading: float, width: float, count: int) -> Array:
     return heading + np.linspace(-0.5 * width, 0.5 * width, count, endpoint=not whole)
 
 
-def fan(headings: Array, clearance: Array, x: float, y: float, reach: float, resolution: float, closed: bool) -> Fan:
+def fan(
+    headings: Array, clearance: Array, x: float, y: float, reach: float, resolution: float, closed: bool, limit: float = math.inf
+) -> Fan:
     """Contact distances and totals of the directions (eq. 2, 3).
 
     Args:
@@ -75,8 +77,9 @@ def fan(headings: Array, clearance: Array, x: float, y: float, reach: float, res
         x, y: the robot in grid coordinates [cells].
         reach: r_max [m].
         resolution: of the grid [m].
+        limit: up to which cells count for N [m].
     """
-    lengths, totals = _walk(clearance, x, y, headings, reach / resolution)
+    lengths, totals = _walk(clearance, x, y, headings, reach / resolution, min(limit, reach) / resolution)
     return Fan(headings, lengths * resolution, totals * resolution**2, closed)
 
 
@@ -164,7 +167,7 @@ _RAYS = 360
 
 
 @njit(cache=True)
-def _walk(clearance: Array, x: float, y: float, headings: Array, reach: float) -> tuple[Array, Array]:
+def _walk(clearance: Array, x: float, y: float, headings: Array, reach: float, limit: float) -> tuple[Array, Array]:
     """Contact distances and totals in cells."""
     rows, cols = clearance.shape
     lengths, totals = np.zeros(len(headings)), np.zeros(len(headings))
@@ -176,7 +179,8 @@ def _walk(clearance: Array, x: float, y: float, headings: Array, reach: float) -
             row, col = math.floor(y + i * dy), math.floor(x + i * dx)
             if not (0 <= row < rows and 0 <= col < cols) or not clearance[row, col] > 0.0:
                 break
-            total += clearance[row, col]
+            if i * _STEP <= limit:
+                total += clearance[row, col]
             i += 1
         lengths[k], totals[k] = (i - 1) * _STEP, total * _STEP
     return lengths, totals
