@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.barn import score, write_course
+from experiments.barn import courses, score, write_course
 from robocar import run
 from robocar.core import SE2, STOP, GoalOccupied
 from robocar.core.distance import polygon_distance
@@ -128,3 +128,20 @@ def test_a_course_is_the_challenges_task(tmp_path: Path) -> None:
     assert scene.goal.position.tolist() == [-2.25, 13.0]
     assert scene.goal.xy_goal_tolerance == 1.0
     assert (scene.scenario.time_limit, scene.scenario.success_radius, scene.prior) == (100.0, 1.0, None)
+
+
+def test_without_the_data_worlds_are_made_and_the_report_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROBOCAR_DATA", str(tmp_path / "nowhere"))
+    fields, origin = courses(tmp_path / "worlds", quick=True)
+    assert [field.name for field in fields] == ["generated-0", "generated-10", "generated-20", "generated-30", "generated-40"]
+    assert "not in ROBOCAR_DATA" in origin
+    for field in fields:
+        assert Scene.load(load_scenario(field.scenario), FEET).only_discs is not None
+        assert field.reference.path_length >= 10.0
+
+
+def test_with_the_data_they_are_the_challenges(tmp_path: Path, data_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROBOCAR_DATA", str(data_dir))
+    fields, origin = courses(tmp_path, quick=True)
+    assert [(field.name, field.reference.cylinders) for field in fields][:2] == [("barn-0", 209), ("barn-60", 192)]
+    assert origin == "every tenth of the challenge's 50 test worlds"

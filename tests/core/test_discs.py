@@ -23,7 +23,7 @@ def test_distance_is_that_of_dense_polygons(seed: int) -> None:
     """A polygon of 400 corners lies within r (1 / cos(pi / 400) - 1) < 4e-5 r of its circle."""
     rng = np.random.default_rng(seed)
     discs = np.column_stack([rng.uniform(-1, 1, (6, 2)), rng.uniform(0.0, 0.4, 6)])
-    corners = CAR.at(SE2(*(float(v) for v in rng.uniform(-1, 1, 2)), float(rng.uniform(-3, 3))))
+    corners = CAR.at(SE2(rng.uniform(-1, 1), rng.uniform(-1, 1), rng.uniform(-3, 3)))
     angles = np.linspace(0, math.tau, 400, endpoint=False)
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     expected = min(polygon_distance(corners, centre + max(r, 1e-9) * circle) for *centre, r in discs)
