@@ -161,7 +161,7 @@ def _run(
     progress: Progress | None,
     patient: bool,
 ) -> RunResult:
-    car = _simulation(scene, seed)
+    car = simulation_of(scene, seed)
     stack.callback(car.close)
 
     def context(component: str, given: dict[str, Any]) -> Context:
@@ -219,10 +219,11 @@ def simulate(
     for kind, given in parameters.items():
         if given:
             raise ScenarioError(f"--set {kind}.{next(iter(given))}: there is no {kind} here")
-    return _simulation(Scene.load(load_scenario(scenario, scenario_settings), footprint()), seed)
+    return simulation_of(Scene.load(load_scenario(scenario, scenario_settings), footprint()), seed)
 
 
-def _simulation(scene: Scene, seed: int) -> Simulation:
+def simulation_of(scene: Scene, seed: int) -> Simulation:
+    """The physics of a scene."""
     robot = scene.scenario.robot
     return Simulation(
         scene.world(),
