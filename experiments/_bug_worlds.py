@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.transforms import Affine2D
 
-from planners.bug_motion import Parameters
+from planners.bug_view import Parameters
 from planners.open_points import VirtualCircle
 from robocar.core import OCCUPIED, Array, OccupancyGrid
 from robocar.formats import save_ros_map

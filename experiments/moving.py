@@ -17,7 +17,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from experiments._bug_worlds import ROBOT, grid, room
-from planners.bug_motion import Parameters
+from planners.bug_view import Parameters
 from robocar.experiment import Report, run_many
 from robocar.run import RunResult
 

@@ -11,7 +11,8 @@ import math
 
 import numpy as np
 
-from planners.bug_motion import Parameters, View, build_bug
+from planners.bug import build_bug
+from planners.bug_view import Parameters, View
 from planners.navigator import Reactive
 from planners.point_bug import PointBug
 from robocar.core import Array, Context

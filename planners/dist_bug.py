@@ -11,7 +11,9 @@ import math
 
 import numpy as np
 
-from planners.bug_motion import HIT, LEAVE, LOOP, LOOP_LENGTH, Boundary, Move, To, View, build_bug, nearer_side
+from planners.bug import build_bug
+from planners.bug_motion import Boundary, nearer_side
+from planners.bug_view import HIT, LEAVE, LOOP, LOOP_LENGTH, Move, To, View
 from planners.navigator import Reactive
 from robocar.core import Array, Context, GiveUp, Lines
 from robocar.core.trace import Drawable

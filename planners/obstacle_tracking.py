@@ -1,6 +1,6 @@
-"""Which obstacles move, where to and how fast, and whether the robot will meet them.
+"""Which obstacles move, where to and how fast.
 
-Das, Dutta and Debnath, Operative Critical Point Bug, IJEECS 18(3), 2020, section 2.3 (OBSTACLE_DETECTION) and eq. 7-10.
+Das, Dutta and Debnath, Operative Critical Point Bug, IJEECS 18(3), 2020, section 2.3 (OBSTACLE_DETECTION) and eq. 7.
 
 What the paper leaves open, and how it is decided here:
 
@@ -12,9 +12,6 @@ What the paper leaves open, and how it is decided here:
   positions (the middle between the ends).
 * An obstacle that turns (assumption A6: it stops, turns, goes on) leaves this line: the older positions are forgotten. One that
   stops becomes stationary when its speed has fallen.
-* Eq. 9 and 10 with bodies that have dimensions: the robot's virtual circle and the obstacle's circle meet if they overlap at any
-  time while the robot turns, drives and stands at the end of its way. For paths that cross this is |RTC - OTC| within the time
-  that both need to clear the collision point; it holds for parallel paths too, which have no such point.
 """
 
 from __future__ import annotations
@@ -87,28 +84,6 @@ class Tracked:
         return self.position + (time - self.time) * self.velocity
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Collision:
-    """The robot and an obstacle will meet.
-
-    Args:
-        obstacle: which one.
-        point: P_C, where the robot's circle will be when they touch first, (2,) [m].
-        robot_time, obstacle_time: RTC and OTC, until each is there (eq. 9, 10) [s].
-        first, last: from when to when they overlap [s], from now on.
-        start, end: where the obstacle is at these times, (2,) [m]: between them it is the virtual obstacle.
-    """
-
-    obstacle: Tracked
-    point: Array
-    robot_time: float
-    obstacle_time: float
-    first: float
-    last: float
-    start: Array
-    end: Array
-
-
 class Obstacles:
     """Follows the obstacles around the robot: the paper's Tobs, Sobs, TDobs and Dobs.
 
@@ -138,11 +113,6 @@ class Obstacles:
             ranges[10 + 2 * k : 14 + 2 * k] = 1.0
             panorama = replace(panorama, time=0.1 * k, ranges=frozen_array(ranges))
             self.update(panorama)
-        moving = [replace(o, velocity=np.array([-0.2, 0.0])) for o in self.tracked]
-        collision = predict(moving, 1.2, np.zeros(2), 0.0, 2.0, 0.3, 0.5, 1.0, 0.3, 9.0)
-        standing_world(panorama, moving, 0.1)
-        assert collision is not None
-        with_virtual(panorama, [collision])
 
     def of(self, kind: Kind) -> list[Tracked]:
         """The obstacles of one set."""
@@ -259,93 +229,6 @@ def _points(panorama: Panorama, beams: NDArray[np.int64]) -> Array:
     return points
 
 
-def predict(
-    obstacles: list[Tracked],
-    now: float,
-    start: Array,
-    heading: float,
-    length: float,
-    speed: float,
-    delay: float,
-    stay: float,
-    radius: float,
-    horizon: float,
-) -> Collision | None:
-    """The first collision with one of the obstacles, if the robot's circle drives straight (eq. 7-10); None if there is none.
-
-    Args:
-        start: centre of the robot's circle, (2,) [m]; heading [rad] and length [m] of its way; speed [m/s].
-        delay: until it drives [s]; stay: that it stands at the end [s].
-        radius: of the robot's circle, with what is to be kept free around it [m].
-        horizon: how far ahead it looks [s].
-    """
-    first: Collision | None = None
-    for obstacle in obstacles:
-        x, y = obstacle.at(now)
-        vx, vy = obstacle.velocity
-        reach = radius + obstacle.radius
-        begin, end = _overlap(
-            x - start[0], y - start[1], vx, vy, math.cos(heading), math.sin(heading), length, speed, delay, stay, reach, horizon
-        )
-        if math.isfinite(begin) and (first is None or begin < first.first):
-            gone = min(max(begin - delay, 0.0) * speed, length)
-            point = np.array([start[0] + gone * math.cos(heading), start[1] + gone * math.sin(heading)])
-            v = obstacle.speed
-            first = Collision(
-                obstacle,
-                frozen_array(point),
-                gone / speed,
-                math.hypot(x - point[0], y - point[1]) / v if v > 0 else 0.0,
-                begin,
-                end,
-                frozen_array([x + begin * vx, y + begin * vy]),
-                frozen_array([x + end * vx, y + end * vy]),
-            )
-    return first
-
-
-def crossing(start: Array, heading: float, obstacle: Array, velocity: Array) -> Array | None:
-    """P_C of the paper: where the lines of robot and obstacle cross, ahead of both, (2,) [m]; None where they do not."""
-    c, s = math.cos(heading), math.sin(heading)
-    det = c * velocity[1] - s * velocity[0]
-    if abs(det) < 1e-9:
-        return None
-    dx, dy = obstacle[0] - start[0], obstacle[1] - start[1]
-    gone = (dx * velocity[1] - dy * velocity[0]) / det
-    other = (dx * s - dy * c) / det
-    return np.array([start[0] + gone * c, start[1] + gone * s]) if gone >= 0.0 and other >= 0.0 else None
-
-
-def standing_world(panorama: Panorama, moving: list[Tracked], margin: float) -> Panorama:
-    """The panorama without the obstacles that move: beams that end within `margin` [m] of one are lost ones."""
-    if not moving:
-        return panorama
-    ranges = np.array(panorama.ranges)
-    for obstacle in moving:
-        where = obstacle.at(panorama.time)
-        _blank(ranges, panorama.bearings, where[0] - panorama.origin[0], where[1] - panorama.origin[1], obstacle.radius + margin)
-    return replace(panorama, ranges=frozen_array(ranges))
-
-
-def with_virtual(panorama: Panorama, collisions: list[Collision]) -> Panorama:
-    """The panorama with a virtual obstacle at each collision point: what the obstacle sweeps while the two would overlap."""
-    ranges = np.array(panorama.ranges)
-    for c in collisions:
-        _cast_capsule(ranges, panorama.origin, panorama.bearings, c.start, c.end, c.obstacle.radius)
-    return replace(panorama, ranges=frozen_array(ranges))
-
-
-@njit(cache=True)
-def _blank(ranges: Array, bearings: Array, x: float, y: float, radius: float) -> None:
-    """Loses the beams that end within a circle, its centre relative to the sensor."""
-    for i in range(len(ranges)):
-        if (
-            ranges[i] < math.inf
-            and math.hypot(ranges[i] * math.cos(bearings[i]) - x, ranges[i] * math.sin(bearings[i]) - y) < radius
-        ):
-            ranges[i] = math.nan
-
-
 @njit(cache=True)
 def _clusters(
     bearings: Array, ranges: Array, spacing: float, max_width: float, max_distance: float, x0: float, y0: float
@@ -457,58 +340,3 @@ def _line(history: Array) -> tuple[float, float, float, float]:
         return history[n - 1, 1], history[n - 1, 2], 0.0, 0.0
     vx, vy = (n * sxt - st * sx) / det, (n * syt - st * sy) / det
     return (sx - vx * st) / n, (sy - vy * st) / n, vx, vy
-
-
-@njit(cache=True)
-def _overlap(
-    x: float, y: float, vx: float, vy: float, c: float, s: float, length: float, v: float, delay: float, stay: float,
-    reach: float, horizon: float,
-) -> tuple[float, float]:  # fmt: skip
-    """From when to when an obstacle at (x, y) relative to the robot's circle is nearer than `reach`, while the robot stands for
-    `delay`, drives `length` along (c, s) at `v` and stands for `stay`; inf where it never is.
-
-    Approaching counts only: an overlap that is there now and opens is none.
-    """
-    first, last = math.inf, -math.inf
-    times = (0.0, delay, delay + length / v, delay + length / v + stay)
-    for phase in range(3):
-        t0, t1 = times[phase], min(times[phase + 1], horizon)
-        if t1 <= t0:
-            continue
-        speed = v if phase == 1 else 0.0
-        gone = length if phase == 2 else 0.0
-        px, py = x + vx * t0 - gone * c, y + vy * t0 - gone * s
-        wx, wy = vx - speed * c, vy - speed * s
-        a, b, d = wx * wx + wy * wy, px * wx + py * wy, px * px + py * py - reach * reach
-        if a < 1e-12:
-            if d < 0.0 and phase != 0:
-                first, last = min(first, t0), max(last, t1)
-            continue
-        root = b * b - a * d
-        if root <= 0.0:
-            continue
-        root = math.sqrt(root)
-        enter, leave = t0 + (-b - root) / a, t0 + (-b + root) / a
-        if leave <= t0 or enter >= t1 or (d < 0.0 and b >= 0.0 and first == math.inf):
-            continue
-        first, last = min(first, max(enter, t0)), max(last, min(leave, t1))
-    return first, last
-
-
-@njit(cache=True)
-def _cast_capsule(ranges: Array, origin: Array, bearings: Array, a: Array, b: Array, radius: float) -> None:
-    """Shortens the ranges to where the beams meet what a circle sweeps from a to b; from inside it, none."""
-    steps = max(1, math.ceil(math.hypot(b[0] - a[0], b[1] - a[1]) / (0.3 * max(radius, 0.02))))
-    steps = min(steps, 200)
-    for k in range(steps + 1):
-        dx = a[0] + (b[0] - a[0]) * k / steps - origin[0]
-        dy = a[1] + (b[1] - a[1]) * k / steps - origin[1]
-        if dx * dx + dy * dy <= radius * radius:
-            continue
-        for i in range(len(ranges)):
-            c, s = math.cos(bearings[i]), math.sin(bearings[i])
-            along, across = c * dx + s * dy, c * dy - s * dx
-            if along > 0.0 and abs(across) < radius:
-                hit = along - math.sqrt(radius * radius - across * across)
-                if not ranges[i] <= hit:  # nan too
-                    ranges[i] = hit

@@ -9,7 +9,7 @@ What the paper leaves open, and how it is decided here:
   straight way to the goal that is in sight.
 * Decisions are made standing, from the median of a few scans (the time spent on detecting, section 3.2), and checked at every
   scan on the way: where a way turns out blocked or a gap too narrow, the robot stops and decides anew.
-* SAFE_POINT asks all pairs of surface points on either side of the way, not open points alone (`bug_motion.narrow_gap`), and that
+* SAFE_POINT asks all pairs of surface points on either side of the way, not open points alone (`bug_view.narrow_gap`), and that
   the circle fits at its end.
 * *The same set* of open points, from which sub-goals are not calculated twice: an open point at the same place whose free side
   looks the same way.
@@ -27,22 +27,22 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from enum import Enum
-from itertools import pairwise
 
 import numpy as np
 
-from planners.bug_motion import ARRIVED, Move, Stand, To, View, build_bug, narrow_gap
-from planners.bug_motion import Parameters as BugParameters
+from planners import collision_points
+from planners.bug import build_bug
+from planners.bug_view import ARRIVED, Move, Stand, To, View, narrow_gap
+from planners.bug_view import Parameters as BugParameters
+from planners.collision_points import Collision, predict, standing_world, with_virtual
 from planners.navigator import Reactive
-from planners.obstacle_tracking import Collision, Kind, Obstacles, predict, standing_world, with_virtual
+from planners.obstacle_tracking import Obstacles
 from planners.open_points import Lookout, OpenPoint, Panorama, find_open_points
+from planners.traverse import SAME, SubGoal, Traverse
 from robocar.core import Array, Arrows, Context, GiveUp, Lines, Points, Text, wrap_angle
 from robocar.core.trace import PLAN_COLOR, Drawable
 
-_SAME = 0.12  # [m] open points nearer to each other, and places, are one
-_SAME_SIDE = math.cos(math.radians(50.0))  # ... whose free sides look the same way
 _TURN_DELAY = 0.3  # [s] to brake, look up and start
-_PASSED = 0.4  # [m]
 _EVADE = (0.3, 0.5, 0.8, 1.2)  # [m]
 _STAY = 8.0  # [s] that nothing comes to where it has got out of the way
 _FLAGS = 2  # scans in a row that have to say that a way is blocked
@@ -71,31 +71,6 @@ class Parameters:
             value = getattr(self, name)
             if not (math.isfinite(value) and (value > 0 or (name == "collision_margin" and value == 0))):
                 raise ValueError(f"{name} must be positive, not {value}")
-
-
-@dataclass(slots=True, eq=False)
-class SubGoal:
-    """An entry of SG, and with its distance of D.
-
-    Args:
-        point: (2,) [m]; distance: to the goal [m]; open_point: that it belongs to.
-        place: from where it was seen, an index into T.
-        open: neither visited nor refused.
-    """
-
-    point: Array
-    distance: float
-    open_point: OpenPoint
-    place: int
-    open: bool = True
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Place:
-    """An entry of T: a point that the robot has been to, and the one that it came from."""
-
-    point: Array
-    parent: int
 
 
 class LegKind(Enum):
@@ -128,19 +103,17 @@ class OperativeCriticalPointBug:
         self.parameters = parameters
         self.obstacles = Obstacles(parameters.max_obstacle_width, parameters.tracking_distance)
         self._lookout = Lookout(bug.looks)
+        collision_points.warm_up()
         self.reset()
 
     def reset(self) -> None:
         """A new episode."""
         self.obstacles.forget()
         self._lookout.start()
-        self.places: list[Place] = []  # T
-        self._trail: list[Array] = []
-        self.subgoals: list[SubGoal] = []  # SG and D
+        self.seen = Traverse()  # T, SG and D
         self.open_points: list[OpenPoint] = []  # OP of the last decision
         self.collisions: list[Collision] = []
         self.leg: Leg | None = None
-        self._at = -1  # the last place
         self._route: list[int] = []  # places on the way back, the next one last
         self._wanted: SubGoal | None = None  # what it goes back for
         self._surprises = 0  # goal ways that turned out blocked since the last progress
@@ -154,8 +127,7 @@ class OperativeCriticalPointBug:
         """While not at the goal: detect obstacles; drive on, or look and decide."""
         if view.fresh:
             self.obstacles.update(view.panorama)
-        if not self._trail or math.dist(self._trail[-1], view.centre) > _SAME:
-            self._trail.append(view.centre)
+        self.seen.pass_by(view.centre)
         seen = self._standing(view, view.panorama)
         if self.leg is not None and self._goes_on(self.leg, seen):
             return To(self.leg.target)
@@ -176,7 +148,9 @@ class OperativeCriticalPointBug:
 
     def _decide(self, view: View) -> Move:
         """Lines 6 to 29 of MAIN."""
-        self._remember_place(view)
+        self.seen.arrive(view.centre)
+        if view.goal_distance < self._closest - SAME:
+            self._closest, self._surprises = view.goal_distance, 0
         self.collisions = []
         if self._goal_way_is_free(view) and self._is_safe(view, view.goal.position, LegKind.GOAL):
             self._wanted, self._route = None, []
@@ -192,7 +166,7 @@ class OperativeCriticalPointBug:
         back = self._back(view)
         if back is not None:
             return self._go(back)
-        if any(subgoal.open for subgoal in self.subgoals) or self.obstacles.dynamic:
+        if any(subgoal.open for subgoal in self.seen.subgoals) or self.obstacles.dynamic:
             return Stand()
         return GiveUp("every sub-goal that is safe has been visited, and none led to the goal", "stuck")
 
@@ -212,104 +186,50 @@ class OperativeCriticalPointBug:
         self.open_points = find_open_points(panorama, p.range_jump, p.range_std)
         candidates: list[tuple[float, Array, OpenPoint, SubGoal | None]] = []
         for point in self.open_points:
-            known = None if self._is_virtual(point) else self._known(point, view)
+            known = None if self._is_virtual(point) else self.seen.subgoal_of(point, view.circle.radius, view.goal.position)
             target = known.point if known is not None else point.subgoal(view.circle.radius)
             if known is None or known.open:
                 candidates.append((math.dist(target, view.goal.position), target, point, known))
         critical = None
         for _, target, point, known in sorted(candidates, key=lambda c: c[0]):
-            if self._visited(target, point.sure):
+            if self.seen.visited(target, point.sure):
                 if known is not None:
                     known.open = False
                 continue
             if not self._fits(view, target, 1.0 + p.gap_tolerance):
                 continue  # D takes what is safe from here; from elsewhere it may be
-            if known is not None and known not in self.subgoals:
-                self.subgoals.append(known)  # SubGoal has no equality but identity
+            if known is not None:
+                self.seen.keep(known)
             if critical is None and self._is_safe(view, target, LegKind.CRITICAL):
                 critical = Leg(LegKind.CRITICAL, target, known)
         return critical
-
-    def _known(self, point: OpenPoint, view: View) -> SubGoal:
-        """The sub-goal that the same open point has already given, or a new one."""
-        for subgoal in self.subgoals:
-            same = subgoal.open_point
-            if (
-                math.dist(same.position, point.position) < _SAME
-                and float(same.normal @ point.normal) > _SAME_SIDE
-                and same.side == point.side
-            ):
-                if subgoal.open:  # the last look counts
-                    subgoal.point, subgoal.open_point = point.subgoal(view.circle.radius), point
-                    subgoal.place = self._at
-                return subgoal
-        target = point.subgoal(view.circle.radius)
-        return SubGoal(target, math.dist(target, view.goal.position), point, self._at)
 
     def _is_virtual(self, point: OpenPoint) -> bool:
         """Whether an open point belongs to a virtual obstacle."""
         return any(_beside(point.position, c.start, c.end) < c.obstacle.radius + 0.1 for c in self.collisions)
 
-    def _visited(self, target: Array, sure: bool) -> bool:
-        """Whether T holds the point; one whose open point was not sure is done with once the robot has passed near it."""
-        if not sure and float(np.min(np.linalg.norm(_array(self._trail) - target, axis=1), initial=math.inf)) < _PASSED:
-            return True
-        return any(math.dist(place.point, target) < _SAME for place in self.places)
-
     # -- T and the way back --------------------------------------------------------------------------------------------
 
-    def _remember_place(self, view: View) -> None:
-        """Where the robot decides is a point in T."""
-        near = [k for k, place in enumerate(self.places) if math.dist(place.point, view.centre) < _SAME]
-        if near:
-            self._at = min(near, key=lambda k: math.dist(self.places[k].point, view.centre))
-        else:
-            self.places.append(Place(view.centre, self._at))
-            self._at = len(self.places) - 1
-        if view.goal_distance < self._closest - _SAME:
-            self._closest, self._surprises = view.goal_distance, 0
-
     def _back(self, view: View) -> Leg | None:
-        """Back to the place from where the best sub-goal of D was seen, over points that it has been to: the one with
-        the shortest way back and on to the goal, as the crow flies."""
-        best, shortest = None, math.inf
-        for subgoal in self.subgoals:
-            if subgoal.open and (subgoal.place == self._at or self._visited(subgoal.point, subgoal.open_point.sure)):
-                subgoal.open = False  # not to be reached from where it was seen
-            if subgoal.open:
-                points = [view.centre, *(self.places[k].point for k in reversed(self._way(self._at, subgoal.place)))]
-                length = sum(math.dist(a, b) for a, b in pairwise([*points, subgoal.point])) + subgoal.distance
-                if length < shortest:
-                    best, shortest = subgoal, length
+        """Back to the place from where the best sub-goal of D was seen, over points that it has been to."""
+        best = self.seen.best_left(view.centre)
         if best is None:
             return None
-        self._wanted, self._route, self._surprises = best, self._way(self._at, best.place), 0
+        self._wanted, self._route, self._surprises = best, self.seen.way(best.place), 0
         return self._towards_wanted(view)
-
-    def _way(self, start: int, end: int) -> list[int]:
-        """Places from `start` to `end` in the tree of where it came from, the next one last, `start` not among them."""
-        up, down = self._ancestors(start), self._ancestors(end)
-        common = next(place for place in up if place in down)
-        return [*down[: down.index(common) + 1], *reversed(up[1 : up.index(common)])]
-
-    def _ancestors(self, place: int) -> list[int]:
-        chain = [place]
-        while self.places[chain[-1]].parent >= 0:
-            chain.append(self.places[chain[-1]].parent)
-        return chain
 
     def _towards_wanted(self, view: View) -> Leg | None:
         """The next leg of the way back; at its end the sub-goal itself."""
         assert self._wanted is not None
         for k, place in enumerate(self._route):  # the farthest place on the way that can be driven to at once
-            point = self.places[place].point
-            if math.dist(point, view.centre) < _SAME or (k < len(self._route) - 1 and self._fits(view, point, 1.0)):
+            point = self.seen.places[place].point
+            if math.dist(point, view.centre) < SAME or (k < len(self._route) - 1 and self._fits(view, point, 1.0)):
                 self._route = self._route[: k + 1]
                 break
-        if self._route and math.dist(self.places[self._route[-1]].point, view.centre) < _SAME:
+        if self._route and math.dist(self.seen.places[self._route[-1]].point, view.centre) < SAME:
             self._route.pop()
         kind = LegKind.BACK if self._route else LegKind.CRITICAL
-        target = self.places[self._route[-1]].point if self._route else self._wanted.point
+        target = self.seen.places[self._route[-1]].point if self._route else self._wanted.point
         fits = kind is LegKind.BACK or self._fits(view, target, 1.0)
         if fits and self._surprises < _TRIES:
             return Leg(kind, target, self._wanted) if self._is_safe(view, target, kind) else None
@@ -462,17 +382,13 @@ class OperativeCriticalPointBug:
             critical = [self.leg.target] if self.leg is not None else []
             drawn |= {
                 "open_points": Points(_array([p.position for p in self.open_points]), color=(230, 60, 60)),
-                "subgoals": Points(_array([s.point for s in self.subgoals if s.open]), color=(60, 180, 75)),
+                "subgoals": Points(_array([s.point for s in self.seen.subgoals if s.open]), color=(60, 180, 75)),
                 "critical_point": Points(_array(critical), color=PLAN_COLOR, radius=0.04),
-                "visited": Points(_array([place.point for place in self.places]), color=(120, 120, 120)),
+                "visited": Points(self.seen.points(), color=(120, 120, 120)),
                 "ocpb": Text("; ".join(self._news)),
             }
             self._news = []
         return drawn
-
-    def count(self, kind: Kind) -> int:
-        """How many obstacles a set of the paper holds now."""
-        return len(self.obstacles.of(kind))
 
 
 def _array(points: list[Array]) -> Array:

@@ -1,8 +1,8 @@
 """PointBug: from one sudden point to the next, always the one whose direction is nearest to the goal's.
 
 Buniyamin, Wan Ngah, Sariff and Mohamad, A simple local path planning algorithm for autonomous mobile robots, International
-Journal of Systems Applications, Engineering and Development 5(2), 2011. Its sudden points are open points; a robot with dimension goes to
-the sub-goals beside them.
+Journal of Systems Applications, Engineering and Development 5(2), 2011. Its sudden points are open points; a robot with dimension
+goes to the sub-goals beside them.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ import math
 
 import numpy as np
 
-from planners.bug_motion import ARRIVED, Move, Parameters, Stand, To, View, build_bug
+from planners.bug import build_bug
+from planners.bug_view import ARRIVED, Move, Parameters, Stand, To, View
 from planners.navigator import Reactive
 from planners.open_points import Lookout, OpenPoint, Panorama, find_open_points
 from robocar.core import Array, Context, GiveUp, Points, wrap_angle

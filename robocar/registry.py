@@ -76,7 +76,7 @@ def _avoid(global_planner: str, local_planner: str, summary: str, paper: str) ->
 
 def _bug(module: str, summary: str, paper: str, *more: str) -> Entry:
     """A bug: what it sees all round, turns on the spot and straight motions."""
-    parameters = ("planners.bug_motion:Parameters", *more)
+    parameters = ("planners.bug_view:Parameters", *more)
     return Entry(f"planners.{module}:build", summary, paper, parameters=parameters)
 
 

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from kinematic import car, context
 
-from planners.bug_motion import Bug, Parameters, free_way, narrow_gap
+from planners.bug import Bug
+from planners.bug_view import Parameters, free_way, narrow_gap
 from planners.open_points import VirtualCircle
 from robocar.core import OCCUPIED, SE2, STOP, Belief, Goal, Observation, OccupancyGrid, ParameterError, Scan, Text, Twist
 from robocar.registry import build
@@ -149,7 +150,7 @@ def test_a_goal_with_a_heading_is_turned_to() -> None:
 @pytest.mark.parametrize("value", [-1, math.nan, math.inf])
 def test_senseless_parameters_are_refused(field: str, value: float) -> None:
     with pytest.raises(ValueError, match=field):
-        Parameters(**{field: value})
+        Parameters(**{field: value})  # type: ignore[arg-type]
 
 
 def test_too_few_sonars_are_refused_with_the_number_needed() -> None:

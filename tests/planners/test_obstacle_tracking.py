@@ -8,7 +8,8 @@ from beams import Disc, disc_ranges, laser_car, scan_of
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from planners.obstacle_tracking import Collision, Kind, Obstacles, Tracked, crossing, predict, standing_world, with_virtual
+from planners.collision_points import Collision, crossing, predict, standing_world, with_virtual
+from planners.obstacle_tracking import Kind, Obstacles, Tracked
 from planners.open_points import Panorama, Surround
 from robocar.core import OCCUPIED, SE2, Observation, OccupancyGrid
 
