@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from planners import costmap as layered
 from planners.costmap import safe_cost
 from planners.grid_search import LazyTrace
+from planners.moving_obstacles import MovingObstacles
 from planners.outlines import Outlines, View
 from planners.steering import SLOWEST, Steering
 from planners.steering import Parameters as SteeringParameters
@@ -25,6 +26,7 @@ from planners.trajectory_costs import (
     COST,
     GOAL,
     HEADING,
+    MEETS,
     PATH,
     TRAVELLED,
     TURNED,
@@ -49,6 +51,7 @@ from robocar.core import (
     Trace,
 )
 
+_MEETING = 10.0  # above all other costs: a mover is met only where all trajectories meet one, and then as late as can be
 DRAWN = 60  # candidates in the recording
 DRAW_PERIOD = 0.5  # [s]
 LOCAL_COLOR = (44, 160, 44)
@@ -109,7 +112,8 @@ class Parameters:
 
 
 class DynamicWindow:
-    """Local planner. It never drives backwards, where few sensors look: `planners.recovery` backs up where nothing else helps.
+    """Local planner. It drives backwards, where few sensors look, to get out of the way of what moves only: else
+    `planners.recovery` backs up where nothing else helps.
 
     Args:
         inflation: how the costmaps are inflated, if it is known; then the outline is checked near obstacles only.
@@ -132,6 +136,7 @@ class DynamicWindow:
         self._steps = max(1, round(p.sim_time / p.sim_granularity))
         self._outlines = Outlines(robot.footprint, self._steering.parameters.footprint_padding)
         self._follower = PathFollower()
+        self._movers = MovingObstacles(robot)
         self._forget()
         # Compiled here, not in the control loop: choosing, turning to the path and at the goal, and drawing.
         open_ground = Costmap(np.zeros((60, 60), dtype=np.uint8), 0.05, SE2(-1.0, -1.0))
@@ -147,6 +152,7 @@ class DynamicWindow:
     def _forget(self) -> None:
         self._follower.forget()
         self._steering.forget()
+        self._movers.forget()
         self._drawn_at = -math.inf
 
     def command(
@@ -160,15 +166,17 @@ class DynamicWindow:
         """
         p, pose = self.parameters, belief.pose
         self._steering.resume(observation.time)
+        self._movers.update(pose, observation)
         views = self._outlines.views(costmap, pose)
         if (arrival := self._steering.at_goal(views, pose, goal)) is not None:
             return arrival
         local = self._follower.ahead(path, goal.position, costmap, views[0], p.lookahead_dist, 2.0 * p.forward_point_distance)
-        if (turn := self._steering.to_path(views, local.bearing)) is not None:
+        movers = self._movers.discs(views[0], costmap, observation.time)
+        if len(movers) == 0 and (turn := self._steering.to_path(views, local.bearing)) is not None:
             return turn
         for view in views:
-            samples = self._window(local, view)
-            scores = self._score(view, local, samples)
+            samples = self._window(local, view, len(movers) > 0)
+            scores = self._score(view, local, samples, movers)
             best = int(np.argmin(scores))
             if scores[best] < math.inf:
                 self._steering.found()
@@ -176,12 +184,13 @@ class DynamicWindow:
                 return self._steering.drive(samples[best, 0] * view.resolution, samples[best, 1], trace)
         return self._steering.stuck(observation.time)
 
-    def _window(self, local: LocalPath, view: View) -> Array:
+    def _window(self, local: LocalPath, view: View, reverse: bool) -> Array:
         """The twists of V_s and V_d, (vx_samples * vtheta_samples, 2) [cells/s, rad/s]."""
         p, limits, last = self.parameters, self._steering.limits, self._steering.last
         fastest = self._steering.approach_speed(local.left * view.resolution)
         v_reach, w_reach = limits.acc_lim_x * p.window, limits.acc_lim_theta * p.window
-        low_v, high_v = max(0.0, last.v - v_reach), min(fastest, last.v + v_reach)
+        slowest = min(0.0, limits.min_vel_x) if reverse else 0.0
+        low_v, high_v = max(slowest, last.v - v_reach), min(fastest, last.v + v_reach)
         low_w = max(-limits.max_vel_theta, last.omega - w_reach)
         high_w = min(limits.max_vel_theta, last.omega + w_reach)
         speeds = np.linspace(max(high_v, low_v), low_v, p.vx_samples)
@@ -192,7 +201,7 @@ class DynamicWindow:
         samples[..., 1] = turns
         return samples.reshape(-1, 2)
 
-    def _score(self, view: View, local: LocalPath, samples: Array) -> Array:
+    def _score(self, view: View, local: LocalPath, samples: Array, movers: Array) -> Array:
         """Costs of all samples (n,), smaller is better, inf where not admissible."""
         p, r = self.parameters, view.resolution
         distance = math.hypot(local.goal[0] - view.x, local.goal[1] - view.y) * r
@@ -204,12 +213,14 @@ class DynamicWindow:
         terms = rollouts(
             view.costs, self._start(view), self._accelerations(view), samples, p.sim_granularity, self._steps, outline,
             self._footprint.circumscribed_radius / r, safe, local.points, local.goal, forward / r,
-            min(self._steps, max(1, round(p.window / p.sim_granularity))),
+            min(self._steps, max(1, round(p.window / p.sim_granularity))), movers,
         )  # fmt: skip
         v, w = samples[:, 0] * r, np.abs(samples[:, 1])
         reach = fastest * p.sim_time
         hit = terms[:, COLLIDES] > 0.0
-        standing = (v == 0.0) & (w == 0.0)  # is no way to the goal: `Steering.stuck` stands, and says so
+        # To stand is no way to the goal (`Steering.stuck` stands, and says so), unless something passes by.
+        standing = (v == 0.0) & (w == 0.0) & (len(movers) == 0)
+        meets = terms[:, MEETS]
         if p.scoring == "cost":  # eq. 6
             scores = (
                 p.cost_scale * terms[:, COST] / 252.0
@@ -217,6 +228,7 @@ class DynamicWindow:
                 + p.path_distance_scale * terms[:, PATH] * r / reach
                 + p.slowness_scale * (SLOWEST / np.maximum(v, SLOWEST)) ** 2
             )
+            scores += np.where(meets > 0.0, _MEETING + meets, 0.0)
             scores[hit | standing] = math.inf  # "discarded"
             return scores
         # eq. 5, its sign changed; a trajectory that hits nothing has the largest distance that one can have.
@@ -225,9 +237,9 @@ class DynamicWindow:
             p.heading_scale * (1.0 - terms[:, HEADING] / math.pi) + p.velocity_scale * v / fastest + p.clearance_scale * clearance
         )
         # eq. 3: it can stop, straight and turning, before it hits.
-        stops = v <= np.sqrt(2.0 * terms[:, TRAVELLED] * r * limits.acc_lim_x)
+        stops = np.abs(v) <= np.sqrt(2.0 * terms[:, TRAVELLED] * r * limits.acc_lim_x)
         stops &= w <= np.sqrt(2.0 * terms[:, TURNED] * limits.acc_lim_theta)
-        return np.where((hit & ~stops) | standing, math.inf, -objective)
+        return np.where((hit & ~stops) | standing, math.inf, np.where(meets > 0.0, _MEETING + meets, 0.0) - objective)
 
     def _start(self, view: View) -> Array:
         last = self._steering.last

@@ -17,6 +17,7 @@ from planners import costmap as layered
 from planners.costmap import safe_cost
 from planners.dwa import DRAW_PERIOD, DRAWN, LOCAL_COLOR
 from planners.grid_search import LazyTrace
+from planners.moving_obstacles import STAY, MovingObstacles, meeting, met_later, rooms
 from planners.outlines import Outlines, View
 from planners.steering import SLOWEST, Steering
 from planners.steering import Parameters as SteeringParameters
@@ -100,16 +101,18 @@ def _correlate(noise: Array, correlation: float) -> None:
 @njit(cache=True)
 def sample_costs(
     costs: NDArray, start: Array, limits: Array, mean: Array, noise: Array, scale: Array, dt: float, vertices: Array,
-    radius: float, safe: float, path: Array, goal: Array, forward: float, weights: Array,
+    radius: float, safe: float, path: Array, goal: Array, forward: float, weights: Array, movers: Array,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Costs of sampled controls, and the controls as the car would follow them.
 
     Args:
         start: x, y, theta and the present v, omega, (5,) [cells, rad, s].
-        limits: accelerations of v and omega, highest v and omega, and the v below which 1 / v^2 grows no further, (5,).
+        limits: accelerations of v and omega, highest v and omega, the v below which 1 / v^2 grows no further, and
+            the lowest v, (6,).
         mean: controls of the last tick, (steps, 2); noise: standard normal, (n, steps, 2); scale: its deviations, (2,).
         forward: how far ahead of the centre the point lies that is to come near to the goal.
         weights: of costs, of the distances to the goal and from the path, of slowness, and gamma, (5,), per unit.
+        movers: discs that move (`planners.moving_obstacles`), (m, 5); to come too near to one is a collision.
 
     Returns:
         (n,), `_COLLISION` and above where the outline touches something; (n, steps, 2).
@@ -117,13 +120,14 @@ def sample_costs(
     n, steps = noise.shape[0], noise.shape[1]
     totals, controls = np.empty(n), np.empty((n, steps, 2))
     dv, dw = limits[0] * dt, limits[1] * dt
+    room = rooms(movers, start[0], start[1])
     for k in range(n):
         x, y, theta, v, w = start[0], start[1], start[2], start[3], start[4]
         cost_sum, path_sum, slow_sum, noise_sum, moved = 0.0, 0.0, 0.0, 0.0, 0.0
         looks, nearest, hit = 0, math.inf, -1
         for i in range(steps):
             push_v, push_w = scale[0] * noise[k, i, 0], scale[1] * noise[k, i, 1]
-            v = toward(v, min(max(mean[i, 0] + push_v, 0.0), limits[2]), dv)
+            v = toward(v, min(max(mean[i, 0] + push_v, limits[5]), limits[2]), dv)
             w = toward(w, min(max(mean[i, 1] + push_w, -limits[3]), limits[3]), dw)
             controls[k, i, 0], controls[k, i, 1] = v, w
             noise_sum += mean[i, 0] * push_v / (scale[0] * scale[0]) + mean[i, 1] * push_w / (scale[1] * scale[1])
@@ -132,12 +136,12 @@ def sample_costs(
             middle = theta + 0.5 * w * dt
             c, s = math.cos(middle), math.sin(middle)
             x, y, theta = x + v * dt * c, y + v * dt * s, theta + w * dt
-            moved += v * dt + radius * abs(w * dt)
+            moved += abs(v * dt) + radius * abs(w * dt)
             check = moved > 0.5 or i == steps - 1
             if check:
                 moved = 0.0
             cost = outline_cost(costs, x, y, theta, vertices, safe if check else 256.0)
-            if cost == math.inf:
+            if cost == math.inf or meeting(movers, room, (i + 1) * dt, x, y):
                 hit = i
                 continue
             cost_sum += min(cost, 252.0)
@@ -149,6 +153,8 @@ def sample_costs(
                 path_sum += path_distance(path, ahead_x, ahead_y)
                 looks += 1
         total = weights[0] * cost_sum / steps + weights[3] * slow_sum / steps + weights[4] * noise_sum
+        if hit < 0 and met_later(movers, room, steps * dt, STAY, 2.0 * dt, x, y) < math.inf:
+            hit = steps - 1
         if hit >= 0:
             # The earlier it collides, the worse; so that where all do, the mean still leads away.
             totals[k] = _COLLISION * (2.0 - hit / steps) + total
@@ -173,7 +179,7 @@ def _positions(start: Array, controls: Array, dt: float) -> Array:
 
 
 class MPPI:
-    """Local planner; forward only, like `planners.dwa`.
+    """Local planner; forward only but for movers, like `planners.dwa`.
 
     Args:
         rng: the source of its noise.
@@ -197,6 +203,7 @@ class MPPI:
         self._footprint, self._inflation, self._dt = robot.footprint, inflation, control_period
         self._outlines = Outlines(robot.footprint, self._steering.parameters.footprint_padding)
         self._follower = PathFollower()
+        self._movers = MovingObstacles(robot)
         self._rng = np.random.default_rng(0)
         self._forget()
         # Compiled here, not in the control loop.
@@ -215,6 +222,7 @@ class MPPI:
     def _forget(self) -> None:
         self._follower.forget()
         self._steering.forget()
+        self._movers.forget()
         self._mean = np.zeros((self.parameters.time_steps, 2))  # [m/s, rad/s]
         self._drawn_at = -math.inf
 
@@ -229,11 +237,15 @@ class MPPI:
             costmap: obstacles; None is a world without.
         """
         p, pose, steering = self.parameters, belief.pose, self._steering
+        self._movers.update(pose, observation)
         if steering.resume(observation.time):
             self._mean[:] = 0.0
         views = self._outlines.views(costmap, pose)
         local = self._follower.ahead(path, goal.position, costmap, views[0], p.lookahead, 2.0 * p.forward_point)
-        turn = steering.at_goal(views, pose, goal) or steering.to_path(views, local.bearing)
+        movers = self._movers.discs(views[0], costmap, observation.time)
+        turn = steering.at_goal(views, pose, goal)
+        if turn is None and len(movers) == 0:
+            turn = steering.to_path(views, local.bearing)
         if turn is not None:
             self._mean[:] = 0.0
             return turn
@@ -241,16 +253,18 @@ class MPPI:
         _correlate(noise, p.noise_correlation)
         noise[0] = 0.0  # the last plan goes on
         for view in views:
-            totals, controls = self._sample(view, local, self._mean / (view.resolution, 1.0), noise)
+            totals, controls = self._sample(view, local, self._mean / (view.resolution, 1.0), noise, movers)
             best = int(np.argmin(totals))
             if totals[best] >= _COLLISION:
                 continue
             weights = np.exp((totals[best] - totals) / p.temperature)
             mean = np.tensordot(weights / weights.sum(), controls, axes=1)
             # The mean of two ways round an obstacle leads into it: then the best sample counts alone.
-            if self._sample(view, local, mean, noise[:1])[0][0] >= _COLLISION:
+            if self._sample(view, local, mean, noise[:1], movers)[0][0] >= _COLLISION:
                 mean = controls[best]
-            if max(mean[0, 0] * view.resolution, abs(mean[0, 1]), steering.last.v, abs(steering.last.omega)) < _CREEP:
+            last = steering.last
+            creeping = max(abs(mean[0, 0]) * view.resolution, abs(mean[0, 1]), abs(last.v), abs(last.omega)) < _CREEP
+            if creeping and not len(movers):
                 return steering.stuck(observation.time)  # to stand is no way to the goal
             steering.found()
             trace = self._trace(view, totals, controls, mean, costmap, observation.time)
@@ -258,12 +272,15 @@ class MPPI:
             self._mean = self._shifted(mean * (view.resolution, 1.0))
             return command
         self._mean[:] = 0.0
+        if len(movers):
+            return steering.drive(0.0, 0.0)  # until it has passed
         return steering.stuck(observation.time)
 
-    def _sample(self, view: View, local: LocalPath, mean: Array, noise: Array) -> tuple[Array, Array]:
+    def _sample(self, view: View, local: LocalPath, mean: Array, noise: Array, movers: Array) -> tuple[Array, Array]:
         """`sample_costs` in the view; `mean` (steps, 2) in cells per second."""
         p, r, limits, last = self.parameters, view.resolution, self._steering.limits, self._steering.last
         fastest = self._steering.approach_speed(local.left * r)
+        slowest = min(0.0, limits.min_vel_x) if len(movers) else 0.0
         distance = math.hypot(local.goal[0] - view.x, local.goal[1] - view.y) * r
         # Close to the goal the car's centre itself is to arrive.
         forward = p.forward_point * min(1.0, max(0.0, distance / p.lookahead - 0.2) / 0.3)
@@ -272,7 +289,7 @@ class MPPI:
         return sample_costs(
             view.costs,
             np.array([view.x, view.y, view.theta, last.v / r, last.omega]),
-            np.array([limits.acc_lim_x / r, limits.acc_lim_theta, fastest / r, limits.max_vel_theta, SLOWEST / r]),
+            np.array([limits.acc_lim_x / r, limits.acc_lim_theta, fastest / r, limits.max_vel_theta, SLOWEST / r, slowest / r]),
             mean,
             noise,
             np.array([p.vx_std / r, p.wz_std]),
@@ -284,6 +301,7 @@ class MPPI:
             local.goal,
             forward / r,
             np.array([p.cost_weight / 252.0, p.goal_weight * r / reach, p.path_weight * r / reach, p.slowness_weight, p.gamma]),
+            movers,
         )
 
     def _shifted(self, controls: Array) -> Array:

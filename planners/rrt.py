@@ -12,9 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planners import costmap as layered
+from planners.costmap import safe_cost
 from planners.grid_search import LazyTrace, endpoints
 from planners.random_trees import Growth, Obstacles, connect, edge_cost, grow, grow_star, shortcut
-from robocar.core import INSCRIBED, Array, BudgetExhausted, Context, Costmap, Path, Plan, Segments, Trace
+from robocar.core import INSCRIBED, Array, BudgetExhausted, Context, Costmap, Footprint, Path, Plan, Segments, Trace
 
 VARIANTS = ("rrt", "rrt-connect", "rrt-star")
 TREE_COLOR = (70, 110, 230)
@@ -30,6 +32,8 @@ class Parameters:
         goal_tolerance: the epsilon of Table 1: a node so near to the goal is joined to it, if the way is free [m].
         goal_bias: share of samples that are the goal (not in `rrt-connect`).
         adaptive_step: whether a blocked step is tried at half its length, and so on; in Table 1 it is not.
+        roomy: whether a way is looked for first on which the car can turn everywhere (its circumscribed circle touches nothing);
+            only where none is found, one on which its inscribed circle touches nothing.
         shortcuts: how often two random points of the path are joined straight where that costs less; 0 leaves the tree's path.
     """
 
@@ -39,6 +43,7 @@ class Parameters:
     goal_tolerance: float = 0.5
     goal_bias: float = 0.05
     adaptive_step: bool = True
+    roomy: bool = True
     shortcuts: int = 200
 
     def __post_init__(self) -> None:
@@ -114,8 +119,16 @@ class RRT:
         rng: the source of its samples.
     """
 
-    def __init__(self, rng: np.random.Generator, parameters: Parameters | None = None) -> None:
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        parameters: Parameters | None = None,
+        footprint: Footprint | None = None,
+        inflation: layered.Parameters | None = None,
+    ) -> None:
+        """`footprint` and `inflation` say at which costs the car can turn; without them every way is as good as a roomy one."""
         self.parameters = parameters or Parameters()
+        self._footprint, self._inflation = footprint, inflation
         self._rng = np.random.default_rng(0)
         self.plan(Costmap(np.zeros((9, 9), dtype=np.uint8), 1.0), np.array([0.5, 0.5]), np.array([8.0, 8.0]))  # compiles
         self._rng = rng
@@ -136,18 +149,37 @@ class RRT:
         obstacles = costmap_world(costmap)
         first, last = costmap.grid_from_world(np.array([start, goal], dtype=float))
         in_cells = replace(p, step=p.step / resolution, goal_tolerance=p.goal_tolerance / resolution)
-        grown = search(obstacles, first, last, in_cells, self._rng)
+        samples = 0
+        grown = None
+        for world in (self._roomy(costmap, first, last), obstacles):
+            if world is not None:
+                grown = search(world, first, last, in_cells, self._rng)
+                samples += grown.samples
+                if len(grown.path) > 0:
+                    break
+        assert grown is not None
         trace = _tree_trace(costmap, grown)
         if len(grown.path) == 0:
             (x0, y0), (x1, y1) = np.asarray(start), np.asarray(goal)
             raise BudgetExhausted(
-                f"no way from ({x0:.3f}, {y0:.3f}) to ({x1:.3f}, {y1:.3f}) found with {grown.samples} samples (max_samples)",
-                trace,
+                f"no way from ({x0:.3f}, {y0:.3f}) to ({x1:.3f}, {y1:.3f}) found with {samples} samples (max_samples)", trace
             )
         points = np.empty((max(2, len(grown.path)), 2))
         points[:] = costmap.origin.transform(grown.path * resolution)
         points[0], points[-1] = start, goal
-        return Plan(Path(points), path_cost(obstacles, grown.path) * resolution, grown.samples, trace)
+        return Plan(Path(points), path_cost(obstacles, grown.path) * resolution, samples, trace)
+
+    def _roomy(self, costmap: Costmap, start: Array, goal: Array) -> Obstacles | None:
+        """The world without cells where the car could not turn; None where start or goal (2,) [cells] are such cells."""
+        if not self.parameters.roomy or self._footprint is None or self._inflation is None:
+            return None
+        clear = safe_cost(self._inflation, self._footprint, costmap.resolution)
+        costs = costmap.data.copy()
+        costs[costs >= max(clear, 1.0)] = INSCRIBED
+        (x0, y0), (x1, y1) = start, goal
+        if INSCRIBED in (costs[math.floor(y0), math.floor(x0)], costs[math.floor(y1), math.floor(x1)]):
+            return None
+        return costmap_world(Costmap(costs, costmap.resolution, costmap.origin))
 
 
 def path_cost(obstacles: Obstacles, path: Array) -> float:
@@ -166,4 +198,5 @@ def _tree_trace(costmap: Costmap, grown: Growth) -> Trace:
 
 def build(context: Context) -> RRT:
     """The planner with the context's parameters and random generator."""
-    return RRT(context.rng, context.parameters_of(Parameters))
+    inflation = context.parameters_of(layered.Parameters)
+    return RRT(context.rng, context.parameters_of(Parameters), context.robot.footprint, inflation)

@@ -17,6 +17,7 @@ from planners.collision import footprint_free
 from planners.costmap import Parameters as Inflation
 from planners.costmap import inflate, safe_cost
 from planners.dwa import DynamicWindow, Parameters
+from planners.moving_obstacles import NONE
 from planners.navigator import plan_and_avoid
 from planners.steering import Parameters as SteeringParameters
 from planners.trajectory_costs import outline_cost, path_distance, rollouts
@@ -71,8 +72,8 @@ def test_a_twist_that_is_kept_leads_along_its_arc(v: float, omega: float, theta:
     goal = np.array([end.x, end.y])
     limits, samples = np.array([16.0, 4.0]), np.array([[v / 0.05, omega]])
     path = np.array([[60.0, 60.0], [90.0, 60.0]])
-    terms = rollouts(OPEN.data, start, limits, samples, 0.1, 20, np.empty((0, 2)), 2.7, 0.0, path, goal, 0.0, 5)[0]
-    collides, cost, near, off, way, turned, _ = terms
+    terms = rollouts(OPEN.data, start, limits, samples, 0.1, 20, np.empty((0, 2)), 2.7, 0.0, path, goal, 0.0, 5, NONE)[0]
+    collides, cost, near, off, way, turned, _, _ = terms
     assert (collides, cost) == (0.0, 0.0)
     assert near * 0.05 <= 1e-3
     assert way * 0.05 == pytest.approx(2.0 * v, abs=1e-9)
@@ -83,9 +84,9 @@ def test_a_twist_that_is_kept_leads_along_its_arc(v: float, omega: float, theta:
 def test_accelerations_are_kept_on_the_way_to_a_twist() -> None:
     """By hand: from rest at 0.8 m/s^2 in steps of 0.1 s to 0.4 m/s: 0.08, 0.16 ... 0.40, then on: 0.08 (1 + 2 + 3 + 4) 0.1 + 16
     times 0.04 = 0.72 m."""
-    start, samples = np.array([10.0, 60.0, 0.0, 0.0, 0.0]), np.array([[8.0, 0.0]])
+    start, samples, nothing = np.array([10.0, 60.0, 0.0, 0.0, 0.0]), np.array([[8.0, 0.0]]), np.empty((0, 2))
     goal, path = np.array([110.0, 60.0]), np.array([[10.0, 60.0], [110.0, 60.0]])
-    terms = rollouts(OPEN.data, start, np.array([16.0, 4.0]), samples, 0.1, 20, np.empty((0, 2)), 2.7, 0.0, path, goal, 0.0, 5)
+    terms = rollouts(OPEN.data, start, np.array([16.0, 4.0]), samples, 0.1, 20, nothing, 2.7, 0.0, path, goal, 0.0, 5, NONE)
     assert terms[0, 4] * 0.05 == pytest.approx(0.72)
     assert terms[0, 2] * 0.05 == pytest.approx(5.0 - 0.72)
 
