@@ -18,6 +18,7 @@ HIT = 0.12  # [m] a way that is free no farther has hit an obstacle; from ...
 LEAVE = 0.25  # [m] on it may be left again
 LOOP = 0.15  # [m] this near to where it began, a boundary has been followed all round, after ...
 LOOP_LENGTH = 0.8  # [m]
+_ROOM_TO_TURN = 0.01  # [m] around the body
 _SQUEEZE = 0.98  # what lies inside a disc already counts as touching it, and no more
 
 
@@ -113,7 +114,9 @@ class View:
         """Whether the outline can drive straight to `point` (2,) and turn there."""
         length = math.dist(self.centre, point)
         room = np.min(np.hypot(self.hits[:, 0] - point[0], self.hits[:, 1] - point[1]), initial=math.inf)
-        return room >= self.circle.body and self.free_way(self.heading_to(point), length, self.circle.driving) >= length
+        if room < self.circle.body + _ROOM_TO_TURN:
+            return False
+        return self.free_way(self.heading_to(point), length, self.circle.driving) >= length
 
     def open_points(self) -> list[OpenPoint]:
         """The sure ones of the last scan."""

@@ -3,8 +3,8 @@
 Das, Dutta and Debnath, Operative Critical Point Bug, IJEECS 18(3), 2020, eq. 8-10 and section 3.1.
 
 Eq. 9 and 10 are for points. With bodies that have dimensions the robot's virtual circle and the obstacle's circle meet if they
-overlap at any time while the robot turns, drives and stands at the end of its way. For paths that cross this is |RTC - OTC| within
-the time that both need to clear the collision point; it holds for parallel paths too, which have no such point.
+overlap at any time while the robot turns, drives and stands at the end of its way. For paths that cross this is |RTC - OTC|
+within the time that both need to clear the collision point; it holds for parallel paths too, which have no such point.
 """
 
 from __future__ import annotations
@@ -110,11 +110,12 @@ def standing_world(panorama: Panorama, moving: list[Tracked], margin: float) -> 
     return replace(panorama, ranges=frozen_array(ranges))
 
 
-def with_virtual(panorama: Panorama, collisions: list[Collision]) -> Panorama:
-    """The panorama with a virtual obstacle at each collision point: what the obstacle sweeps while the two would overlap."""
+def with_virtual(panorama: Panorama, collisions: list[Collision], margin: float = 0.0) -> Panorama:
+    """The panorama with a virtual obstacle at each collision point: what the obstacle, grown by `margin` [m], sweeps while the
+    two would overlap."""
     ranges = np.array(panorama.ranges)
     for c in collisions:
-        _cast_capsule(ranges, panorama.origin, panorama.bearings, c.start, c.end, c.obstacle.radius)
+        _cast_capsule(ranges, panorama.origin, panorama.bearings, c.start, c.end, c.obstacle.radius + margin)
     return replace(panorama, ranges=frozen_array(ranges))
 
 

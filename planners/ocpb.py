@@ -18,7 +18,8 @@ What the paper leaves open, and how it is decided here:
 * Ends of walls that are seen at too grazing an angle to be sure of are open points too, until it has driven past them: beside a
   wall that it follows it sees no others.
 * Moving obstacles are not open points themselves; their virtual obstacles are. No way is taken on which a collision is predicted.
-  Where no sub-goal is safe the robot waits if nothing comes towards it, else it gets out of the way, whatever the direction.
+  Where no sub-goal is safe, or those beside virtual obstacles are farther from the goal than the robot, it waits if nothing comes
+  towards it, else it gets out of the way, whatever the direction.
 * Slip: the heading is corrected on the way.
 """
 
@@ -181,13 +182,17 @@ class OperativeCriticalPointBug:
         """The safe sub-goal in sight that is nearest to the goal and has not been visited (lines 7 to 18)."""
         if self._wanted is not None:
             return self._towards_wanted(view)
-        panorama = with_virtual(view.panorama, self.collisions) if self.collisions else view.panorama
+        panorama = (
+            with_virtual(view.panorama, self.collisions, self.parameters.collision_margin) if self.collisions else view.panorama
+        )
         p = view.parameters
         self.open_points = find_open_points(panorama, p.range_jump, p.range_std)
         candidates: list[tuple[float, Array, OpenPoint, SubGoal | None]] = []
         for point in self.open_points:
             known = None if self._is_virtual(point) else self.seen.subgoal_of(point, view.circle.radius, view.goal.position)
             target = known.point if known is not None else point.subgoal(view.circle.radius)
+            if known is None and math.dist(target, view.goal.position) > view.goal_distance and self._threat(view) is None:
+                continue  # rather than go back round what moves it lets it pass
             if known is None or known.open:
                 candidates.append((math.dist(target, view.goal.position), target, point, known))
         critical = None
@@ -206,7 +211,10 @@ class OperativeCriticalPointBug:
 
     def _is_virtual(self, point: OpenPoint) -> bool:
         """Whether an open point belongs to a virtual obstacle."""
-        return any(_beside(point.position, c.start, c.end) < c.obstacle.radius + 0.1 for c in self.collisions)
+        return any(
+            _beside(point.position, c.start, c.end) < c.obstacle.radius + self.parameters.collision_margin + 0.1
+            for c in self.collisions
+        )
 
     # -- T and the way back --------------------------------------------------------------------------------------------
 
