@@ -23,7 +23,7 @@ from planners.navigator import Reactive
 from planners.pure_pursuit import STOPPING_SHARE, PurePursuit
 from planners.safe_direction_fan import Choice, Fan, choose, directions, fan, shortest_direction
 from planners.safe_direction_memory import RollingMemory
-from planners.safe_direction_view import Panorama, Readings, Sector, mark, sector_of, window
+from planners.safe_direction_view import Panorama, Readings, Sector, leading_edges, mark, sector_of, window
 from planners.transforms import METRICS, descend, goal_seeds, obstacle_transform, spread
 from robocar.core import (
     LETHAL,
@@ -62,6 +62,8 @@ _CONFIRMED = 1.0  # [s] that what lengthens the way has to stay in sight to coun
 _MOST_GAPS = 12  # that are closed at most to find a way that is long enough
 _JOINED = 0.12  # [m] hits no farther apart are one surface; wider gaps that are too narrow for the car close as obstacles grow
 _FORGET_AGAIN, _FORGET_MOST = 0.5, 10  # [m, 1] way between two clearings of the memory for want of a way, and their number
+_MOMENT = 0.6  # [s] between two scans that are compared to see what moves
+_KEEP_OFF, _LOOK_AHEAD = 0.10, 1.0  # [m, s] the car does not get so near to what moves sooner than this
 _PICTURE = 5  # decisions from one picture of the grids in the recording to the next
 _ROOM = 1.5  # [cells] more than its growth, the place of the robot itself that counts as seen
 
@@ -326,6 +328,9 @@ class SafeDirection:
         self._before: SE2 | None = None
         self._driven = 0.0  # [m]
         self._bound = 0.0  # [m]
+        self._recent: deque[tuple[float, Readings]] = deque()
+        self._moved = np.empty((0, 2))  # [m] leading edges of what moves
+        self._coming = math.inf  # [m] how near is what comes
         self._bounds: deque[tuple[float, float]] = deque()  # of the last seconds: time, way to the goal plus way driven
         self._waiting_since: float | None = None
         self._turning = False
@@ -355,12 +360,13 @@ class SafeDirection:
         sonars = () if self.robot.lidar is not None else observation.sonars
         if not self.panorama.look(pose, observation.lidar if self.robot.lidar is not None else None, sonars):
             return replace(STOP, trace={"safe_direction": Text("all beams are lost: standing", "WARN")})
-        seen = self.directions.readings(pose, self.panorama)
+        scanned = seen = self.directions.readings(pose, self.panorama)
+        self._coming = self._approaching(scanned, pose.theta, observation.time)
         if self.memory is not None:
             seen = self.memory.merge(pose, seen)
         self._count_ground(pose)
         bound = self._bound - self._driven if self.parameters.carry_bound and self.memory is None else 0.0
-        decision = self.directions.decide(seen, pose.theta, goal.position, bound)
+        decision = self.directions.decide(self._swept(seen), pose.theta, goal.position, bound)
         self._carry(decision, observation.time)
         self._decisions += 1
         trouble = self._trouble(pose, seen, decision, observation.time, goal)
@@ -499,7 +505,12 @@ class SafeDirection:
         path = Path(np.stack([belief.pose.position, target]))
         drive = self.pursuit.command(belief, path, self._costmap(seen), observation, goal)
         v, omega = drive.twist.v, drive.twist.omega
-        slow = min(self._share_of_speed(seen, belief.pose, v), self.robot.limits.max_vel_theta / max(abs(omega), 1e-9), 1.0)
+        slow = min(
+            self._share_of_speed(seen, belief.pose, v),
+            max(self._coming - _KEEP_OFF, 0.05) / max(abs(v) * _LOOK_AHEAD, 1e-9),
+            self.robot.limits.max_vel_theta / max(abs(omega), 1e-9),
+            1.0,
+        )
         return Drive(Twist(slow * v, slow * omega), trace=LazyTrace(_makers(drive.trace) | _makers(trace)))
 
     def _rotate(self, belief: Belief, seen: Readings, heading: float, observation: Observation) -> Drive:
@@ -525,6 +536,44 @@ class SafeDirection:
         root = b * b - 2.0 * (w * t - free) / a
         allowed = a * (math.sqrt(root) - b) if root > b * b else 0.0
         return min(1.0, max(allowed, 0.05) / v)
+
+    def _approaching(self, seen: Readings, theta: float, time: float) -> float:
+        """Distance from the car's circumscribed circle to the nearest leading edge of something that moves [m], inf if there is none.
+
+        A leading edge is a surface where the cell was seen empty a moment ago, off all that stood there then. What recedes has
+        its leading edge on its far side, out of sight.
+        """
+        self._recent.append((time, seen))
+        while time - self._recent[0][0] > _MOMENT + 1e-6:
+            self._recent.popleft()
+        then, before = self._recent[0]
+        self._moved = np.empty((0, 2))
+        if time - then < 0.6 * _MOMENT:
+            return math.inf
+        moved = leading_edges(before, seen)
+        self._moved = seen.grid.world_from_cell(moved)
+        if len(moved) == 0:
+            return math.inf
+        dx, dy = moved[:, 1] + 0.5 - seen.x, moved[:, 0] + 0.5 - seen.y
+        ahead = math.cos(theta) * dx + math.sin(theta) * dy > 0.0
+        if not ahead.any():
+            return math.inf
+        return float(np.hypot(dx, dy)[ahead].min()) * seen.grid.resolution - self.robot.footprint.circumscribed_radius
+
+    def _swept(self, seen: Readings) -> Readings:
+        """The readings with what leading edges may reach within `_LOOK_AHEAD` taken for occupied."""
+        if len(self._moved) == 0:
+            return seen
+        r = seen.grid.resolution
+        spots = np.zeros(seen.grid.shape, dtype=np.uint8)
+        spots[tuple(seen.grid.cell_from_world(self._moved).T)] = 1
+        reach = round(self.parameters.obstacle_speed * _LOOK_AHEAD / r)
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+        swept = cv2.dilate(spots, disc) > 0
+        body = round(self.robot.footprint.circumscribed_radius / r) + 1
+        row, col = int(seen.y), int(seen.x)
+        swept[row - body : row + body + 1, col - body : col + body + 1] = False
+        return replace(seen, free=seen.free & ~swept, occupied=seen.occupied | swept)
 
     def _free_ahead(self, seen: Readings, pose: SE2) -> float:
         """From the car's front to the nearest surface in the strip that it drives into, a little wider than itself [m]."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -258,3 +259,19 @@ def window(pose: SE2, reach: float, resolution: float) -> GridMap:
     origin = SE2((col - half) * resolution, (row - half) * resolution)
     side = 2 * half + 1
     return GridMap(np.broadcast_to(np.uint8(0), (side, side)), resolution, origin)
+
+
+def leading_edges(before: Readings, now: Readings) -> NDArray[np.int64]:
+    """Cells (n, 2) of `now` as (row, col) with a surface where `before` had seen nothing, off all its surfaces: something
+    has moved there. Both are on the same lattice."""
+    r = now.grid.resolution
+    row = round((now.grid.origin.y - before.grid.origin.y) / r)
+    col = round((now.grid.origin.x - before.grid.origin.x) / r)
+    cells = np.argwhere(now.occupied)
+    then = cells + (row, col)  # noqa: RUF005
+    rows, cols = before.grid.shape
+    inside = np.all((then >= 0) & (then < (rows, cols)), axis=1)
+    cells, then = cells[inside], then[inside]
+    stood = cv2.dilate(before.occupied.view(np.uint8), np.ones((3, 3), dtype=np.uint8)) > 0
+    new = before.free[then[:, 0], then[:, 1]] & ~stood[then[:, 0], then[:, 1]]
+    return cells[new]
