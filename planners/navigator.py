@@ -197,6 +197,7 @@ class PlanAndFollow:
         self._watch.restart()
         self._path = None
         if isinstance(error, GoalOccupied):
+            self._clear()  # what still stands there is seen again while the car waits
             recovery.wait("something stands on the goal", pose, time)
         else:
             name = recovery.next(failure.reason, pose, time)
