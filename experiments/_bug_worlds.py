@@ -95,7 +95,7 @@ def turns(result: RunResult) -> int:
             count += abs(before) < _TURN <= abs(angle)
         else:
             angle = 0.0
-    return count
+    return int(count)
 
 
 def draw(axis: Axes, scene: Scene) -> None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from planners.bug_motion import Motion
-from planners.bug_view import Along, Move, Parameters, Stand, Strategy, To, View, first_free, free_way, narrow_gap
+from planners.bug_view import Along, Move, Parameters, Stand, Strategy, To, View, first_free, free_way, narrow_gap, room_at
 from planners.navigator import Reactive
 from planners.open_points import Panorama, Surround, VirtualCircle, find_open_points
 from robocar.core import (
@@ -158,6 +158,7 @@ def _warm_up(motion: Motion) -> None:
     """Compiled here, not in the control loop."""
     points = np.array([[0.5, 0.1], [0.5, -0.1], [0.1, 0.3]])
     free_way(points, 0.0, 0.0, 0.0, 0.1, 1.0)
+    room_at(points, 0.0, 0.0)
     narrow_gap(points, 0.0, 0.0, 0.0, 1.0, 0.3, 0.1)
     first_free(points, 0.0, 0.0, 0.0, 1, 1.0, 0.1, 0.1, 0.1)
     for heading in (0.0, 2.0):

@@ -112,11 +112,11 @@ class View:
 
     def reachable(self, point: Array) -> bool:
         """Whether the outline can drive straight to `point` (2,) and turn there."""
-        length = math.dist(self.centre, point)
-        room = np.min(np.hypot(self.hits[:, 0] - point[0], self.hits[:, 1] - point[1]), initial=math.inf)
-        if room < self.circle.body + _ROOM_TO_TURN:
+        (x, y), (px, py) = self.centre, point
+        if room_at(self.hits, px, py) < self.circle.body + _ROOM_TO_TURN:
             return False
-        return self.free_way(self.heading_to(point), length, self.circle.driving) >= length
+        length = math.hypot(px - x, py - y)
+        return free_way(self.hits, x, y, math.atan2(py - y, px - x), self.circle.driving, length) >= length
 
     def open_points(self) -> list[OpenPoint]:
         """The sure ones of the last scan."""
@@ -177,6 +177,15 @@ def free_way(points: Array, x: float, y: float, heading: float, radius: float, l
             if r2 > lateral * lateral:
                 free = min(free, max(0.0, along - math.sqrt(r2 - lateral * lateral)))
     return free
+
+
+@njit(cache=True)
+def room_at(points: Array, x: float, y: float) -> float:
+    """Distance from (x, y) to the nearest of the points (n, 2) [m], inf where there is none."""
+    nearest = math.inf
+    for i in range(len(points)):
+        nearest = min(nearest, (points[i, 0] - x) ** 2 + (points[i, 1] - y) ** 2)
+    return math.sqrt(nearest)
 
 
 @njit(cache=True)

@@ -131,22 +131,24 @@ class Obstacles:
         clusters, beams = _clusters(
             panorama.bearings, panorama.ranges, panorama.spacing, self._max_width, self._max_distance, *panorama.origin
         )
-        free = np.ones(len(clusters), dtype=bool)
+        found = [tuple(row) for row in clusters.tolist()]
+        left = list(range(len(found)))
         for obstacle in self.tracked:
-            expected = obstacle.at(now)
-            gate = _GATE + 0.5 * obstacle.radius
-            best, nearest = -1, gate
-            for k in range(len(clusters)):
-                if free[k]:
-                    distance = math.hypot(clusters[k, 0] - expected[0], clusters[k, 1] - expected[1])
-                    if distance < nearest:
-                        best, nearest = k, distance
+            age = now - obstacle.time
+            x, y = float(obstacle.position[0]), float(obstacle.position[1])
+            if obstacle.kind is Kind.DYNAMIC:
+                x, y = x + age * float(obstacle.velocity[0]), y + age * float(obstacle.velocity[1])
+            best, nearest = -1, _GATE + 0.5 * obstacle.radius
+            for k in left:
+                distance = math.hypot(found[k][0] - x, found[k][1] - y)
+                if distance < nearest:
+                    best, nearest = k, distance
             if best >= 0:
-                free[best] = False
-                self._follow(obstacle, panorama, clusters[best], beams, nearest)
-        for k in np.flatnonzero(free):
+                left.remove(best)
+                self._follow(obstacle, panorama, found[best], beams, nearest)
+        for k in left:
             self._count += 1
-            x, y, radius, *ends, start, stop = clusters[k]
+            x, y, radius, *ends, start, stop = found[k]
             self.tracked.append(
                 Tracked(
                     self._count,
@@ -162,10 +164,12 @@ class Obstacles:
         self.tracked = [o for o in self.tracked if now - o.history[-1][0] < (_COAST if o.kind is Kind.DYNAMIC else _FORGET)]
         self._past.append(panorama)
 
-    def _follow(self, obstacle: Tracked, panorama: Panorama, cluster: Array, beams: NDArray[np.int64], off: float) -> None:
+    def _follow(
+        self, obstacle: Tracked, panorama: Panorama, cluster: tuple[float, ...], beams: NDArray[np.int64], off: float
+    ) -> None:
         """One more position of an obstacle, and what follows for its velocity and its set."""
         now = panorama.time
-        x, y, radius, *ends, start, stop = (float(value) for value in cluster)
+        x, y, radius, *ends, start, stop = cluster
         history = obstacle.history
         if obstacle.kind is Kind.DYNAMIC and off > _OFF_LINE + 0.5 * max(0.0, radius - obstacle.radius):
             while len(history) > 2:
@@ -222,10 +226,15 @@ def _vacated(panorama: Panorama, obstacle: Tracked) -> float:
 
 def _points(panorama: Panorama, beams: NDArray[np.int64]) -> Array:
     """Where these beams end, (k, 2) [m]."""
-    bearings, ranges = panorama.bearings[beams], panorama.ranges[beams]
+    return _ends_of(panorama.origin, panorama.bearings, panorama.ranges, beams)
+
+
+@njit(cache=True)
+def _ends_of(origin: Array, bearings: Array, ranges: Array, beams: NDArray[np.int64]) -> Array:
     points = np.empty((len(beams), 2))
-    points[:, 0] = panorama.origin[0] + ranges * np.cos(bearings)
-    points[:, 1] = panorama.origin[1] + ranges * np.sin(bearings)
+    for k in range(len(beams)):
+        points[k, 0] = origin[0] + ranges[beams[k]] * math.cos(bearings[beams[k]])
+        points[k, 1] = origin[1] + ranges[beams[k]] * math.sin(bearings[beams[k]])
     return points
 
 

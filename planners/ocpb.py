@@ -31,7 +31,7 @@ from enum import Enum
 
 import numpy as np
 
-from planners import collision_points
+from planners import collision_points, traverse
 from planners.bug import build_bug
 from planners.bug_view import ARRIVED, Move, Stand, To, View, narrow_gap
 from planners.bug_view import Parameters as BugParameters
@@ -105,6 +105,7 @@ class OperativeCriticalPointBug:
         self.obstacles = Obstacles(parameters.max_obstacle_width, parameters.tracking_distance)
         self._lookout = Lookout(bug.looks)
         collision_points.warm_up()
+        traverse.warm_up()
         self.reset()
 
     def reset(self) -> None:
@@ -187,14 +188,16 @@ class OperativeCriticalPointBug:
         )
         p = view.parameters
         self.open_points = find_open_points(panorama, p.range_jump, p.range_std)
+        goal = view.goal.position.tolist()
         candidates: list[tuple[float, Array, OpenPoint, SubGoal | None]] = []
         for point in self.open_points:
             known = None if self._is_virtual(point) else self.seen.subgoal_of(point, view.circle.radius, view.goal.position)
             target = known.point if known is not None else point.subgoal(view.circle.radius)
-            if known is None and math.dist(target, view.goal.position) > view.goal_distance and self._threat(view) is None:
+            left = math.hypot(goal[0] - target[0], goal[1] - target[1])
+            if known is None and left > view.goal_distance and self._threat(view) is None:
                 continue  # rather than go back round what moves it lets it pass
             if known is None or known.open:
-                candidates.append((math.dist(target, view.goal.position), target, point, known))
+                candidates.append((left, target, point, known))
         critical = None
         for _, target, point, known in sorted(candidates, key=lambda c: c[0]):
             if self.seen.visited(target, point.sure):
@@ -262,8 +265,9 @@ class OperativeCriticalPointBug:
     def _narrow(self, view: View, target: Array, share: float) -> bool:
         """Whether the way passes a gap that is not wider than 2 r times `share`."""
         (x, y), width = view.centre, 2.0 * view.circle.radius * share
-        length = math.dist(view.centre, target)
-        return math.isfinite(narrow_gap(view.hits, x, y, view.heading_to(target), length, width, view.circle.body))
+        dx, dy = target[0] - x, target[1] - y
+        gap = narrow_gap(view.hits, x, y, math.atan2(dy, dx), math.hypot(dx, dy), width, view.circle.body)
+        return math.isfinite(gap)
 
     def _is_safe(self, view: View, target: Array, kind: LegKind, turning: bool = True) -> bool:
         """Whether no moving obstacle meets the robot on its way to `target`; what does is kept as a virtual obstacle."""

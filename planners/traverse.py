@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numba import njit
 
 from planners.open_points import OpenPoint
 from robocar.core import Array
@@ -49,11 +50,16 @@ class Traverse:
         self.subgoals: list[SubGoal] = []  # SG and D
         self.at = -1  # the last place
         self._trail: list[Array] = []
+        self._ends: list[tuple[float, float, float, float, float]] = []  # of the sub-goals: open point, its normal, its side
+        self._table = np.empty((0, 5))
+        self._been = np.empty((0, 2))
+        self._passed = np.empty((0, 2))
 
     def pass_by(self, point: Array) -> None:
         """The robot is here."""
         if not self._trail or math.dist(self._trail[-1], point) > SAME:
             self._trail.append(point)
+            self._passed = np.array(self._trail)
 
     def arrive(self, point: Array) -> None:
         """The robot decides here: a point in T."""
@@ -63,29 +69,32 @@ class Traverse:
         else:
             self.places.append(Place(point, self.at))
             self.at = len(self.places) - 1
+            self._been = self.points()
 
     def visited(self, target: Array, sure: bool) -> bool:
         """Whether T holds the point; one whose open point was not sure is done with once the robot has passed near it."""
-        if not sure and any(math.dist(point, target) < _PASSED for point in self._trail):
-            return True
-        return any(math.dist(place.point, target) < SAME for place in self.places)
+        x, y = target
+        return _any_near(self._been, x, y, SAME) or (not sure and _any_near(self._passed, x, y, _PASSED))
 
     def subgoal_of(self, point: OpenPoint, radius: float, goal: Array) -> SubGoal:
         """The sub-goal that the same open point has already given, or a new one."""
         target = point.subgoal(radius)
-        for known in self.subgoals:
-            same = known.open_point
-            there = math.dist(same.position, point.position) < SAME
-            if there and same.side == point.side and float(same.normal @ point.normal) > _SAME_SIDE:
-                if known.open:  # the last look counts
-                    known.point, known.open_point, known.place = target, point, self.at
-                return known
-        return SubGoal(target, math.dist(target, goal), point, self.at)
+        if len(self._table) != len(self._ends):
+            self._table = np.array(self._ends)
+        k = _same_end(self._table, *_end(point), SAME, _SAME_SIDE)
+        if k < 0:
+            return SubGoal(target, math.hypot(goal[0] - target[0], goal[1] - target[1]), point, self.at)
+        known = self.subgoals[k]
+        if known.open:  # the last look counts
+            known.point, known.open_point, known.place = target, point, self.at
+            self._table[k] = self._ends[k] = _end(point)
+        return known
 
     def keep(self, subgoal: SubGoal) -> None:
-        """A safe one: into SG and D."""
+        """A safe one: into SG and D, if it is new."""
         if subgoal not in self.subgoals:  # which one it is, not what it is equal to
             self.subgoals.append(subgoal)
+            self._ends.append(_end(subgoal.open_point))
 
     def best_left(self, centre: Array) -> SubGoal | None:
         """The sub-goal that remains with the shortest way back to where it was seen and on to the goal, as the crow flies."""
@@ -115,3 +124,34 @@ class Traverse:
     def points(self) -> Array:
         """T, (n, 2) [m]."""
         return np.array([place.point for place in self.places]).reshape(-1, 2)
+
+
+def _end(point: OpenPoint) -> tuple[float, float, float, float, float]:
+    """Position, normal and side of an open point."""
+    x, y, side = float(point.position[0]), float(point.position[1]), float(point.side)
+    return x, y, -side * math.sin(point.bearing), side * math.cos(point.bearing), side
+
+
+@njit(cache=True)
+def _same_end(ends: Array, x: float, y: float, nx: float, ny: float, side: float, near: float, cosine: float) -> int:
+    """The first row of `ends` that is the same end as this one, or -1."""
+    for k in range(len(ends)):
+        there = ends[k, 4] == side and math.hypot(ends[k, 0] - x, ends[k, 1] - y) < near
+        if there and ends[k, 2] * nx + ends[k, 3] * ny > cosine:
+            return k
+    return -1
+
+
+@njit(cache=True)
+def _any_near(points: Array, x: float, y: float, near: float) -> bool:
+    """Whether one of the points (n, 2) is nearer than this."""
+    nearest = math.inf
+    for k in range(len(points)):
+        nearest = min(nearest, math.hypot(points[k, 0] - x, points[k, 1] - y))
+    return nearest < near
+
+
+def warm_up() -> None:
+    """Compiles what the control loop needs."""
+    _same_end(np.zeros((1, 5)), 0.0, 0.0, 1.0, 0.0, 1.0, SAME, _SAME_SIDE)
+    _any_near(np.zeros((1, 2)), 0.0, 0.0, SAME)
