@@ -24,6 +24,7 @@ from robocar.core import (
     NoPathFound,
     Observation,
     OccupancyGrid,
+    Path,
     Scan,
     Text,
     Twist,
@@ -105,7 +106,9 @@ class Blocked:
 
     def reset(self, rng: np.random.Generator) -> None: ...
 
-    def command(self, *_: object) -> Command:
+    def command(
+        self, belief: Belief, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal
+    ) -> Command:
         return self.answer
 
 

@@ -26,7 +26,8 @@ def test_it_shows_what_the_whole_costmap_shows(seed: int, walled: bool) -> None:
     whole, window = LayeredCostmap(prior, car(), p), RollingCostmap(prior, car(), p, RollingParameters(local_width=3.0))
     middle = prior.origin.transform([2.2, 2.0])
     for _ in range(10):
-        pose = SE2(*(middle + rng.uniform(-0.1, 0.1, 2)), rng.uniform(-3, 3))
+        x, y = middle + rng.uniform(-0.1, 0.1, 2)
+        pose = SE2(x, y, rng.uniform(-3, 3))
         for seen in (laser(rng.uniform(0.1, 1.0, 30), rng.uniform(-1.5, 1.5, 30)), sonar(rng.uniform(0.1, 0.9))):
             whole.update(pose, seen)
             window.update(pose, seen)
