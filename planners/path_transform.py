@@ -1,4 +1,6 @@
-"""Zelinsky's path transform on a known map: the cheapest way where nearness to obstacles costs (J. Robotics Research 13(4), 1994).
+"""Zelinsky's path transform on a known map: the cheapest way where nearness to obstacles costs.
+
+A. Zelinsky, Using path transforms to guide the search for findpath in 2D, Int. J. Robotics Research 13(4), 1994.
 
 The global relative of safe-direction navigation: clearance is bought with length, by a weight, on the whole map at once.
 """
@@ -37,8 +39,8 @@ class Parameters:
 class PathTransform:
     """Global planner: steepest descent over the path transform of a costmap's free cells.
 
-    Of the costmap only what is blocked counts: obstacles grown by the robot's size, as the paper grows them. The cost of its plans
-    is the path transform at the start, in metres; `expanded` counts the cells that the transform reached.
+    Of the costmap only what is blocked counts: obstacles grown by the robot's size, as the paper grows them. The cost of its
+    plans is the path transform at the start, in metres; `expanded` counts the cells that the transform reached.
     """
 
     def __init__(self, parameters: Parameters | None = None) -> None:

@@ -87,8 +87,8 @@ def safe_direction(found: Fan, shortest: float, width: float, barrier: float) ->
     """Index of p_SF, the direction with the largest N (eq. 4).
 
     It is looked for within `width` [rad] around the shortest direction. With half a circle P keeps a component of at least
-    1 - alpha along p_D: the distance transform falls on whatever way is chosen, which for a sensor that looks all round the paper's
-    rule alone does not promise. It is also looked for on this side of what stands nearer than `barrier` [m]: the middle between
+    1 - alpha along p_D: the distance transform falls on whatever way is chosen, which the paper's rule alone does not promise for a
+    sensor that looks all round. It is also looked for on this side of what stands nearer than `barrier` [m]: the middle between
     two ways past a post leads into the post.
     """
     start = found.nearest(shortest)
@@ -139,8 +139,8 @@ def shortest_direction(distance: Array, x: float, y: float, goal: tuple[float, f
     """theta_S: the direction in which the distance transform falls most over what lies in sight.
 
     The paper takes the neighbour with the smallest value (Fig. 3), which knows eight directions only. Here the way straight ahead
-    plus the value where it ends is compared for all points that a straight way reaches through free cells, in 360 directions; to a
-    goal in sight it is its own.
+    plus the value where it ends is compared for all points that a straight way reaches through free cells, in 360 directions. A
+    goal in sight has its own direction.
 
     Args:
         distance: `transforms.distance_transform` over the optimistic model, (rows, cols) [cells], inf where blocked.

@@ -15,8 +15,8 @@ _HIT, _MOST, _FREE = 2, 4, -1  # evidence of one hit, its cap, and of a cell tha
 class RollingMemory:
     """Cells seen so far within half of `size` [m] of the robot, the latest scans counting most; farther ones are forgotten.
 
-    Three looks through a cell take back what hits have marked. Cells beside a hit of the same scan are not taken back: a beam along a
-    wall runs through cells of it, and walls would crumble.
+    A few looks through a cell take back what hits have marked. Cells beside a hit of the same scan are not taken back: a beam
+    along a wall runs through cells of it, and walls would crumble.
     """
 
     def __init__(self, size: float, resolution: float) -> None:

@@ -81,7 +81,8 @@ class Panorama:
     """What is seen from where the robot stands: for each direction in the map frame a distance from its centre.
 
     Only the last scan counts, as in the paper, and its predecessors from the same place: while the robot turns on the spot, its
-    sector sweeps round, and what it has just turned away from is not forgotten until it drives on. Newer beams replace older ones.
+    sector sweeps round, and what it has just turned away from is not forgotten until it drives on. Newer beams replace older
+    ones.
     """
 
     def __init__(self, sector: Sector, resolution: float, join: float) -> None:

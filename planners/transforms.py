@@ -39,7 +39,7 @@ def distance_transform(
 
     Args:
         blocked: (rows, cols) bool.
-        goal: (row, col) of the goal's cell, or of a point in continuous coordinates. Outside the grid nothing is blocked, and
+        goal: (row, col) of the goal's cell as whole numbers, or of a point in continuous coordinates. Outside the grid nothing is blocked, and
             the way there enters through the outermost cells, of which those that face the goal should be free.
         metric: `jarvis`: each of the eight neighbours is one step away (the paper's natural numbers); `octile`: sqrt(2) to the
             diagonal ones, exact shortest grid paths; both without cutting corners. `euclidean`: viscosity solution of the eikonal
@@ -67,30 +67,22 @@ def goal_seeds(blocked: NDArray[np.bool_], goal: ArrayLike, metric: Metric) -> S
     if metric not in METRICS:
         raise ValueError(f"metric {metric!r} is none of {', '.join(METRICS)}")
     rows, cols = blocked.shape
-    if point.dtype.kind == "f" and isinstance(goal, tuple) and all(isinstance(i, int | np.integer) for i in goal):
-        point = point + 0.5
+    if np.asarray(goal).dtype.kind in "iu":
+        point = point + 0.5  # a cell: its centre
     row, col = math.floor(point[0]), math.floor(point[1])
     if 0 <= row < rows and 0 <= col < cols:
         cells = np.array([[row, col]])
         if metric == "euclidean":
-            near = np.indices((2 * _NEAR + 1, 2 * _NEAR + 1)).reshape(2, -1).T + (row - _NEAR, col - _NEAR)
+            near = np.argwhere(np.ones((2 * _NEAR + 1, 2 * _NEAR + 1))) + np.array([row - _NEAR, col - _NEAR])
             near = near[np.hypot(*(near + 0.5 - point).T) <= _NEAR]
             inside = np.all((near >= 0) & (near < (rows, cols)), axis=1)
             if not blocked[tuple(near[inside].T)].any():
                 cells = near[inside]
     else:
-        cells = np.concatenate(
-            [
-                np.stack([np.full(cols, edge), np.arange(cols)], axis=1)
-                for edge in (0, rows - 1)
-                if (row < 0, row >= rows)[edge > 0]
-            ]
-            + [
-                np.stack([np.arange(rows), np.full(rows, edge)], axis=1)
-                for edge in (0, cols - 1)
-                if (col < 0, col >= cols)[edge > 0]
-            ]
-        )
+        facing = np.zeros(blocked.shape, dtype=np.bool_)
+        facing[0], facing[-1] = facing[0] | (row < 0), facing[-1] | (row >= rows)
+        facing[:, 0], facing[:, -1] = facing[:, 0] | (col < 0), facing[:, -1] | (col >= cols)
+        cells = np.argwhere(facing)
     cells = cells[~blocked[tuple(cells.T)]]
     if metric == "euclidean":
         return cells, np.hypot(*(cells + 0.5 - point).T)
@@ -108,7 +100,7 @@ def spread(blocked: NDArray[np.bool_], seeds: Seeds, metric: Metric, until: tupl
     padded = np.ones((rows + 2, cols + 2), dtype=np.bool_)
     padded[1:-1, 1:-1] = blocked
     flat = (cells[order, 0] + 1) * (cols + 2) + cells[order, 1] + 1
-    stop = -1 if until is None else (until[0] + 1) * (cols + 2) + until[1] + 1
+    stop = -1 if until is None or blocked[until] else (until[0] + 1) * (cols + 2) + until[1] + 1
     if metric == "euclidean":
         wave = _eikonal(padded.ravel(), cols + 2, flat, values[order], stop)
     else:
@@ -142,7 +134,7 @@ def obstacle_transform(blocked: ArrayLike, metric: Metric = "euclidean") -> Arra
 def path_transform(blocked: ArrayLike, goal: tuple[int, int], weight: float, safe_distance: float) -> Array:
     """Zelinsky's path transform: the cheapest way from every free cell to the goal, where each cell near an obstacle costs.
 
-    Zelinsky 1994: PT(c) = min over paths p from c to the goal of length(p) + weight * sum over the cells c_i of p of obstacle(c_i).
+    Zelinsky 1994: PT(c) = min over paths p from c to the goal of length(p) + weight * sum over p's cells c_i of obstacle(c_i).
     As discomfort obstacle(c) we take (1 - o(c) / X)^3 for o(c) < X and 0 beyond, with o the (euclidean) obstacle transform and X
     the `safe_distance`: 1 at an obstacle, and falling steeply. Steps are octile, the goal's own cell does not count. The
     transform has no local minimum but the goal: descent (`descend`) finds the cheapest path.
