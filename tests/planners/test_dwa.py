@@ -31,6 +31,7 @@ from robocar.core import (
     GiveUp,
     Goal,
     Lines,
+    LocalPlanner,
     Observation,
     OccupancyGrid,
     Path,
@@ -46,7 +47,7 @@ def planner(robot: Robot | None = None, **parameters: object) -> DynamicWindow:
     return DynamicWindow(robot or car(), DT, Parameters(**parameters), inflation=Inflation())  # type: ignore[arg-type]
 
 
-def at(pose: SE2, local: DynamicWindow, costmap: Costmap | None, path: Path | None, goal: Goal, tick: int = 0) -> Command:
+def at(pose: SE2, local: LocalPlanner, costmap: Costmap | None, path: Path | None, goal: Goal, tick: int = 0) -> Command:
     return local.command(Belief(pose), path, costmap, Observation(tick * DT), goal)
 
 
