@@ -135,7 +135,7 @@ def against_ompl(console: Console) -> None:
             setup.setPlanner(planner)
             a, b = space.allocState(), space.allocState()
             for axis in range(2):
-                a[axis], b[axis] = float(start[axis]), float(goal[axis])
+                a[axis], b[axis] = float(start[axis]), float(goal[axis])  # pyright: ignore[reportIndexIssue]
             setup.setStartAndGoalStates(a, b, 1.0 if variant == "rrt" else 1e-6)
             begin = perf_counter()
             solved = setup.solve(20.0)

@@ -10,6 +10,7 @@ and RRT with shortcuts, run beside them.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -141,9 +142,7 @@ def trees(report: Report, scene: Scene, seeds: range) -> list[Growth]:
         "RRT*, 10 000 samples": Parameters(variant="rrt-star", max_samples=10_000, shortcuts=0),
     }
     for name, p in variants.items():
-        in_cells = Parameters(
-            p.variant, p.step / r, p.max_samples, p.goal_tolerance / r, p.goal_bias, p.adaptive_step, p.shortcuts
-        )
+        in_cells = replace(p, step=p.step / r, goal_tolerance=p.goal_tolerance / r)
         grown = [search(obstacles, start, goal, in_cells, np.random.default_rng(seed)) for seed in seeds]
         all_grown += grown
         found = [g for g in grown if len(g.path)]
