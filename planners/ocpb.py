@@ -45,6 +45,7 @@ from robocar.core.trace import PLAN_COLOR, Drawable
 
 _TURN_DELAY = 0.3  # [s] to brake, look up and start
 _EVADE = (0.3, 0.5, 0.8, 1.2)  # [m]
+_PAUSE = 4.0  # [s] that nothing comes to a critical point
 _STAY = 8.0  # [s] that nothing comes to where it has got out of the way
 _FLAGS = 2  # scans in a row that have to say that a way is blocked
 _TRIES = 4  # a way that was called free and turned out blocked this often is blocked
@@ -271,12 +272,12 @@ class OperativeCriticalPointBug:
 
     def _is_safe(self, view: View, target: Array, kind: LegKind, turning: bool = True) -> bool:
         """Whether no moving obstacle meets the robot on its way to `target`; what does is kept as a virtual obstacle."""
-        collision = self._predicted(view, target, turning, 0.0 if kind is LegKind.GOAL else 1.5)
+        collision = self._predicted(view, target, turning, 0.0 if kind is LegKind.GOAL else _PAUSE)
         if collision is not None and all(c.obstacle is not collision.obstacle for c in self.collisions):
             self.collisions.append(collision)
         return collision is None
 
-    def _predicted(self, view: View, target: Array, turning: bool, stay: float) -> Collision | None:
+    def _predicted(self, view: View, target: Array, turning: bool, stay: float, margin: float | None = None) -> Collision | None:
         moving = self.obstacles.dynamic
         if not moving:
             return None
@@ -292,7 +293,7 @@ class OperativeCriticalPointBug:
             p.desired_linear_vel,
             turn + _TURN_DELAY if turning else 0.0,
             stay,
-            view.circle.body + self.parameters.collision_margin,
+            view.circle.body + (self.parameters.collision_margin if margin is None else margin),
             self.parameters.prediction_horizon + (stay if stay >= _STAY else 0.0),
         )
 
@@ -320,7 +321,8 @@ class OperativeCriticalPointBug:
             self._surprised(leg)
             return False
         turning = abs(wrap_angle(view.heading_to(leg.target) - view.pose.theta)) > 0.5
-        if leg.kind is not LegKind.EVADE and self._predicted(view, leg.target, turning, 0.0) is not None:
+        stay = _PAUSE if leg.kind is LegKind.CRITICAL else 0.0
+        if leg.kind is not LegKind.EVADE and self._predicted(view, leg.target, turning, stay) is not None:
             self._news.append("a moving obstacle comes in the way")
             return False
         return True
@@ -357,16 +359,17 @@ class OperativeCriticalPointBug:
         return predict(self.obstacles.dynamic, view.time, view.centre, 0.0, 0.0, 1.0, 0.0, 4.0, margin, 4.0)
 
     def _evade(self, view: View) -> Move:
-        """Out of the way: the shortest straight motion after which nothing comes, or the one after which it comes latest."""
+        """Out of the way: the shortest straight motion after which nothing comes, with less room where it is too late for more;
+        else the one on which it comes latest."""
         threat = self._threat(view)
         best, latest = None, threat.first if threat is not None else math.inf
-        for length in _EVADE:
-            for k in sorted(range(24), key=lambda k: abs(wrap_angle(k * math.pi / 12))):
-                heading = view.pose.theta + k * math.pi / 12
-                target = view.centre + length * np.array([math.cos(heading), math.sin(heading)])
-                if not view.reachable(target):
-                    continue
-                collision = self._predicted(view, target, True, _STAY)
+        angles = sorted(range(24), key=lambda k: abs(wrap_angle(k * math.pi / 12)))
+        headings = [view.pose.theta + k * math.pi / 12 for k in angles]
+        ends = [view.centre + length * np.array([math.cos(h), math.sin(h)]) for length in _EVADE for h in headings]
+        reachable = [target for target in ends if view.reachable(target)]
+        for share in (1.0, 0.6, 0.3):
+            for target in reachable:
+                collision = self._predicted(view, target, True, _STAY, share * self.parameters.collision_margin)
                 if collision is None:
                     return self._go(Leg(LegKind.EVADE, target))
                 if collision.first > latest + 0.3:

@@ -1,0 +1,151 @@
+"""Operative Critical Point Bug: gaps, movers, what it remembers. Oracles: the paper's claims, the world, graph search."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from beams import Disc, Drives, drive, laser_car
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from kinematic import context
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+
+from planners.ocpb import OperativeCriticalPointBug, Parameters
+from planners.open_points import OpenPoint, VirtualCircle
+from planners.traverse import SAME, Traverse
+from robocar.core import OCCUPIED, SE2, Arrows, Goal, Lines, OccupancyGrid, Points
+from robocar.registry import build
+from robocar.run import run as run_in_physics
+
+CELL = 0.01
+RADIUS = VirtualCircle.of(laser_car().footprint, 0.03).radius
+
+
+def doorway(share: float) -> OccupancyGrid:
+    """4 x 2.4 m on cells of 1 cm; a wall across it with a door of `share` times 2 r, to the nearest cell."""
+    data = np.zeros((240, 400), dtype=np.int8)
+    data[[0, -1]] = data[:, [0, -1]] = OCCUPIED
+    half = share * RADIUS / CELL
+    data[: round(120 - half), 195:205] = data[round(120 + half) :, 195:205] = OCCUPIED
+    return OccupancyGrid(data, CELL)
+
+
+def open_room() -> OccupancyGrid:
+    data = np.zeros((200, 200), dtype=np.int8)
+    data[[0, -1]] = data[:, [0, -1]] = OCCUPIED
+    return OccupancyGrid(data, 0.05)
+
+
+def run(world: OccupancyGrid, start: SE2, goal: tuple[float, float], **more) -> tuple[Drives, OperativeCriticalPointBug]:
+    bug = build("navigator", "ocpb", context(laser_car(), None, start))
+    return drive(bug, world, start, Goal(np.array(goal)), **more), bug.local_planner.strategy
+
+
+@pytest.mark.parametrize("share", [1.15, 1.4])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_wide_gaps_are_passed(share: float, seed: int) -> None:
+    """SAFE_POINT: wider than 2 r; contact is checked exactly."""
+    drives, _ = run(doorway(share), SE2(0.7, 0.8, 0.0), (3.3, 1.2), seed=seed)
+    assert drives.status == "success", drives.reason
+
+
+@pytest.mark.parametrize("share", [0.9, 0.97])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_narrow_gaps_are_not_entered(share: float, seed: int) -> None:
+    drives, _ = run(doorway(share), SE2(0.7, 1.2, 0.0), (3.3, 1.2), seed=seed, seconds=200)
+    assert drives.status == "stuck", drives.reason
+    assert max(pose.x for pose in drives.poses) < 1.95
+
+
+@pytest.mark.parametrize("speed", [0.1, 0.25, 0.4])
+@pytest.mark.parametrize("angle", [45, 90, 135, 180])
+def test_one_that_would_meet_it_is_not_touched(speed: float, angle: float) -> None:
+    """A mover timed to be at (5, 5) when a robot that drives straight at 0.4 m/s is; distance to its disc is checked exactly."""
+    time = 0.7 + 3.0 / 0.4
+    velocity = speed * np.array([math.cos(math.radians(angle)), math.sin(math.radians(angle))])
+    mover = Disc(tuple(np.array([5.0, 5.0]) - time * velocity), tuple(velocity), 0.15)
+    drives, _ = run(open_room(), SE2(2.0, 5.0, 0.0), (8.0, 5.0), movers=[mover], seconds=90)
+    assert drives.status == "success", drives.reason
+    assert drives.closest > 0.05
+
+
+def test_a_mover_that_will_have_passed_is_no_reason_to_give_way() -> None:
+    """RTC is not OTC: it crosses the line three seconds before the robot comes; the way stays straight."""
+    velocity = np.array([0.0, 0.4])
+    mover = Disc(tuple(np.array([5.0, 5.0]) - (0.7 + 3.0 / 0.4 - 4.0) * velocity), tuple(velocity), 0.15)
+    drives, strategy = run(open_room(), SE2(2.0, 5.0, 0.0), (8.0, 5.0), movers=[mover])
+    assert drives.status == "success"
+    assert drives.length < 6.1
+    assert strategy.decisions <= 2
+
+
+def test_what_it_has_visited_it_does_not_choose_again() -> None:
+    """Property of T and D after a run through rooms: places apart, no open sub-goal at one of them, all places in one tree."""
+    data = np.zeros((120, 120), dtype=np.int8)
+    data[[0, -1]] = data[:, [0, -1]] = OCCUPIED
+    data[40:43, :80] = data[80:83, 40:] = OCCUPIED
+    drives, strategy = run(OccupancyGrid(data, 0.05), SE2(1.0, 0.7, 0.0), (5.0, 5.3), seconds=300)
+    assert drives.status == "success", drives.reason
+    points = strategy.seen.points()
+    apart = np.linalg.norm(points[:, None] - points[None], axis=2) + np.eye(len(points))
+    assert len(points) >= 3
+    assert apart.min() >= SAME
+    assert [place.parent < k for k, place in enumerate(strategy.seen.places)] == [True] * len(points)
+    shown = {name: trace[name] for trace in drives.traces for name in trace}
+    kinds = {"open_points": Points, "subgoals": Points, "critical_point": Points, "visited": Points, "virtual_circle": Lines}
+    kinds |= {"d_min": Lines, "moving": Arrows, "collision": Points, "virtual_obstacle": Lines, "obstacles": Lines}
+    assert {name: type(shown[name]) for name in kinds} == kinds
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.integers(2, 40), st.integers(0, 2**32 - 1))
+def test_the_way_back_is_the_one_in_the_tree(count: int, seed: int) -> None:
+    """Oracle: scipy's Dijkstra on the tree of places, which has one way only; random trees."""
+    rng, seen = np.random.default_rng(seed), Traverse()
+    parents = [-1]
+    seen.arrive(np.zeros(2))
+    for k in range(1, count):
+        seen.at = int(rng.integers(k))
+        parents.append(seen.at)
+        seen.arrive(np.array([float(k), 0.0]))
+    target = int(rng.integers(count))
+    edges = coo_array((np.ones(count - 1), (range(1, count), parents[1:])), shape=(count, count)).tocsr()
+    hops = dijkstra(edges, directed=False, indices=seen.at)[target]
+    way = [k for k in reversed(seen.way(target)) if k != seen.at]
+    assert len(way) == hops
+    steps = [seen.at, *way]
+    assert all(parents[a] == b or parents[b] == a for a, b in pairwise(steps))
+    assert steps[-1] == target
+
+
+def test_the_same_open_point_gives_one_subgoal() -> None:
+    """Line 7 of MAIN: seen again within 12 cm and with its free side the same way, it is the same; else it is another."""
+    seen, goal = Traverse(), np.array([5.0, 0.0])
+    seen.arrive(np.zeros(2))
+    first = seen.subgoal_of(OpenPoint(np.array([2.0, 0.0]), 0.0, 2.0, 1), 0.2, goal)
+    seen.keep(first)
+    assert first.point == pytest.approx([2.0, 0.2])
+    assert first.distance == pytest.approx(math.hypot(3.0, 0.2))
+    assert seen.subgoal_of(OpenPoint(np.array([2.05, 0.05]), 0.3, 2.0, 1), 0.2, goal) is first
+    others = [(2.2, 0.0, 0.0, 1), (2.0, 0.0, 1.2, 1), (2.0, 0.0, 0.0, -1)]
+    assert all(seen.subgoal_of(OpenPoint(np.array([x, y]), b, 2.0, side), 0.2, goal) is not first for x, y, b, side in others)
+
+
+def test_in_physics_it_reaches_the_goal_among_boxes_and_touches_nothing() -> None:
+    """The shipped scenario, with noise, slip and encoders; the metrics of the run."""
+    result = run_in_physics("cluttered", navigator="ocpb", settings={"robot.sonars": "none", "time_limit": 60})
+    assert result.status == "success", result.reason
+    assert result.value("contacts") == 0
+    length, shortest = result.value("path_length"), result.value("shortest_path_length")
+    assert length is not None
+    assert shortest is not None
+    assert length < 1.3 * shortest
+
+
+@pytest.mark.parametrize("field", ["max_obstacle_width", "tracking_distance", "prediction_horizon", "max_iterations"])
+@pytest.mark.parametrize("value", [0, -1, math.nan, math.inf])
+def test_senseless_parameters_are_refused(field: str, value: float) -> None:
+    with pytest.raises(ValueError, match=field):
+        Parameters(**{field: value})  # type: ignore[arg-type]
