@@ -56,12 +56,13 @@ def histogram() -> tuple[Array, Array]:
     sector = Sector(math.pi, 3.0)
     panorama = Panorama(sector, parameters.resolution, 0.12)
     panorama.look(pose, Scan(0.0, ranges, bearings, 3.0), ())
-    method = Directions(_robot(footprint()), sector, parameters)
+    method = Directions(bare_car(footprint()), sector, parameters)
     found = method.decide(method.readings(pose, panorama), pose.theta, np.array(world.goal)).fan
     return 90.0 + np.degrees(found.headings - pose.theta), found.totals
 
 
-def _robot(outline: Footprint) -> Robot:
+def bare_car(outline: Footprint) -> Robot:
+    """The car without sensors, for decisions outside the simulator."""
     limits = Limits(-0.2, 0.4, 1.5, 0.8, 4.0)
     return Robot(outline, limits, Calibration(0.04, np.array([0.0]), np.array([0.2])), 200)
 

@@ -93,7 +93,9 @@ def safe_direction(found: Fan, shortest: float, width: float, barrier: float) ->
     """
     start = found.nearest(shortest)
     n = len(found.headings)
-    needed = min(barrier, float(found.lengths[start]))
+    # Plain lists: a loop over a numpy array's elements takes most of a millisecond.
+    away, lengths, totals = np.abs(_turned(found.headings, shortest)).tolist(), found.lengths.tolist(), found.totals.tolist()
+    needed = min(barrier, lengths[start])
     best = start
     for sense in (1, -1):
         for k in range(1, n):
@@ -101,9 +103,9 @@ def safe_direction(found: Fan, shortest: float, width: float, barrier: float) ->
             if not found.closed and not 0 <= i < n:
                 break
             i %= n
-            if abs(_turned(found.headings[i], shortest)) > 0.5 * width + _TIE or found.lengths[i] < needed - _TIE:
+            if away[i] > 0.5 * width + _TIE or lengths[i] < needed - _TIE:
                 break
-            if found.totals[i] > found.totals[best] * (1.0 + _TIE):
+            if totals[i] > totals[best] * (1.0 + _TIE):
                 best = i
     return best
 

@@ -79,10 +79,9 @@ def goal_seeds(blocked: NDArray[np.bool_], goal: ArrayLike, metric: Metric) -> S
             if not blocked[tuple(near[inside].T)].any():
                 cells = near[inside]
     else:
-        facing = np.zeros(blocked.shape, dtype=np.bool_)
-        facing[0], facing[-1] = facing[0] | (row < 0), facing[-1] | (row >= rows)
-        facing[:, 0], facing[:, -1] = facing[:, 0] | (col < 0), facing[:, -1] | (col >= cols)
-        cells = np.argwhere(facing)
+        along_rows = [(edge, np.arange(cols)) for edge, faces in ((0, row < 0), (rows - 1, row >= rows)) if faces]
+        along_cols = [(np.arange(rows), edge) for edge, faces in ((0, col < 0), (cols - 1, col >= cols)) if faces]
+        cells = np.concatenate([np.stack(np.broadcast_arrays(*edge), axis=1) for edge in along_rows + along_cols])
     cells = cells[~blocked[tuple(cells.T)]]
     if metric == "euclidean":
         return cells, np.hypot(*(cells + 0.5 - point).T)
