@@ -187,7 +187,7 @@ class DynamicWindow:
     def _window(self, local: LocalPath, view: View, reverse: bool) -> Array:
         """The twists of V_s and V_d, (vx_samples * vtheta_samples, 2) [cells/s, rad/s]."""
         p, limits, last = self.parameters, self._steering.limits, self._steering.last
-        fastest = self._steering.approach_speed(local.left * view.resolution)
+        fastest = self._steering.highest_speed(view, local.left * view.resolution)
         v_reach, w_reach = limits.acc_lim_x * p.window, limits.acc_lim_theta * p.window
         slowest = min(0.0, limits.min_vel_x) if reverse else 0.0
         low_v, high_v = max(slowest, last.v - v_reach), min(fastest, last.v + v_reach)

@@ -279,7 +279,7 @@ class MPPI:
     def _sample(self, view: View, local: LocalPath, mean: Array, noise: Array, movers: Array) -> tuple[Array, Array]:
         """`sample_costs` in the view; `mean` (steps, 2) in cells per second."""
         p, r, limits, last = self.parameters, view.resolution, self._steering.limits, self._steering.last
-        fastest = self._steering.approach_speed(local.left * r)
+        fastest = self._steering.highest_speed(view, local.left * r)
         slowest = min(0.0, limits.min_vel_x) if len(movers) else 0.0
         distance = math.hypot(local.goal[0] - view.x, local.goal[1] - view.y) * r
         # Close to the goal the car's centre itself is to arrive.

@@ -58,7 +58,7 @@ def free_turn(costs: NDArray, x: float, y: float, theta: float, angle: float, ve
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
     """The costmap seen from the robot: pose in grid coordinates, outline in cells; None where the car seems to stand in an
-    obstacle."""
+    obstacle. `roomy`: whether the outline is padded, so that small errors of driving do no harm."""
 
     costs: NDArray[np.uint8]
     resolution: float
@@ -66,6 +66,7 @@ class View:
     y: float
     theta: float
     outline: Array | None
+    roomy: bool = True
 
     def free_arc(self, curvature: float, length: float) -> tuple[float, float]:
         """How far along the arc [1/m, m] the car can go [m], and the highest cost there."""
@@ -109,4 +110,4 @@ class Outlines:
         free = [outline for outline in (roomy, exact) if footprint_free(costmap.data, x, y, at.theta, outline)]
         if not free:
             free = [slim if footprint_free(costmap.data, x, y, at.theta, slim) else None]
-        return [View(costmap.data, resolution, x, y, at.theta, outline) for outline in free]
+        return [View(costmap.data, resolution, x, y, at.theta, outline, outline is roomy) for outline in free]

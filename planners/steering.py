@@ -24,6 +24,7 @@ class Parameters:
         approach_deceleration: towards the goal [m/s^2].
         failure_tolerance: how long the car stands where no twist will do, before it says so [s].
         footprint_padding: kept free around the outline where there is room for it [m].
+        cautious_vel: at most, where there is not [m/s].
     """
 
     max_vel_x: float = 0.4
@@ -32,6 +33,7 @@ class Parameters:
     approach_deceleration: float = 0.4
     failure_tolerance: float = 0.3
     footprint_padding: float = 0.02
+    cautious_vel: float = 0.12
 
     def __post_init__(self) -> None:
         zero_is_fine = ("rotate_to_heading_min_angle", "failure_tolerance", "footprint_padding")
@@ -104,9 +106,11 @@ class Steering:
                         return self.drive(0.0, self._turning_speed(angle))
         return None
 
-    def approach_speed(self, left: float) -> float:
-        """The speed from which braking at `approach_deceleration` ends at the goal, `left` metres away [m/s]."""
-        return min(self.fastest, max(SLOWEST, math.sqrt(2.0 * self.parameters.approach_deceleration * left)))
+    def highest_speed(self, view: View, left: float) -> float:
+        """The speed from which braking at `approach_deceleration` ends at the goal, `left` metres away; slow in tight places
+        [m/s]."""
+        fastest = self.fastest if view.roomy else min(self.fastest, self.parameters.cautious_vel)
+        return min(fastest, max(SLOWEST, math.sqrt(2.0 * self.parameters.approach_deceleration * left)))
 
     def found(self) -> None:
         """There is a twist to drive."""
