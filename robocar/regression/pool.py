@@ -6,12 +6,15 @@ import multiprocessing
 import os
 import shutil
 import tempfile
+import threading
 from collections.abc import Iterator
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import CancelledError, Future, wait
 from concurrent.futures import TimeoutError as FutureTimeoutError
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Any, Protocol
 
 from robocar.core import RobocarError
@@ -19,6 +22,10 @@ from robocar.regression.worker import Job, Outcome, execute, pack, read_log, war
 
 CONNECT_TIMEOUT = 3.0
 """How long a scheduler may take to answer [s]."""
+
+
+MOST_STARTS = 5
+"""How often a process that is killed before it has begun with a job is replaced."""
 
 
 class Workers(Protocol):
@@ -36,6 +43,51 @@ class Workers(Protocol):
         ...
 
 
+class _Slot:
+    """One process that does one job after the other, and a new one when it has died.
+
+    A pool of one, and not one pool for all: pebble gives a whole pool up when a process of it is killed between two jobs.
+    """
+
+    def __init__(self) -> None:
+        self._pool: Any = None
+        self._closed = False
+
+    def run(self, job: Job) -> Outcome:
+        """Does the job and waits for it."""
+        for _ in range(MOST_STARTS):
+            if self._closed:
+                break
+            try:
+                if self._pool is None:
+                    self._pool = _process_pool()
+                pool = self._pool
+                done = pool.schedule(execute, args=[job], timeout=job.limit)
+                while not wait([done], timeout=0.5).done and pool.active:
+                    pass
+                if not done.done():
+                    raise BrokenProcessPool
+                outcome = _outcome(done, job)
+            except (BrokenProcessPool, RuntimeError):  # killed before it had begun: the job is not to blame
+                self._drop()
+                continue
+            if not pool.active:
+                self._drop()
+            return outcome
+        return Outcome("died", "stopped" if self._closed else "its process was killed before the run began")
+
+    def close(self) -> None:
+        """Stops at once, from another thread too."""
+        self._closed = True
+        self._drop()
+
+    def _drop(self) -> None:
+        pool, self._pool = self._pool, None
+        if pool is not None:
+            pool.stop()
+            pool.join()
+
+
 class LocalWorkers:
     """Processes of this machine: each job has its limit, and a process that dies costs its own job only.
 
@@ -45,20 +97,37 @@ class LocalWorkers:
 
     def __init__(self, count: int | None = None) -> None:
         self.count = count or usable_cores()
-        self._pool = _process_pool(self.count)
+        self._jobs: SimpleQueue[tuple[Job, Future[Outcome]] | None] = SimpleQueue()
+        self._slots = [_Slot() for _ in range(self.count)]
+        self._threads = [threading.Thread(target=self._serve, args=[slot], daemon=True) for slot in self._slots]
+        for thread in self._threads:
+            thread.start()
 
     def submit(self, job: Job) -> Future[Outcome]:
         outcome: Future[Outcome] = Future()
-
-        def finish(done: Future[Outcome]) -> None:
-            outcome.set_result(_outcome(done, job))
-
-        self._pool.schedule(execute, args=[job], timeout=job.limit).add_done_callback(finish)
+        self._jobs.put((job, outcome))
         return outcome
 
+    def _serve(self, slot: _Slot) -> None:
+        while (item := self._jobs.get()) is not None:
+            job, outcome = item
+            try:
+                outcome.set_result(slot.run(job))
+            except Exception as error:  # nobody may wait for ever
+                outcome.set_result(Outcome("raised", _short(error)))
+
     def close(self) -> None:
-        self._pool.stop()
-        self._pool.join()
+        while True:  # what nobody has begun
+            try:
+                self._jobs.get_nowait()
+            except Empty:
+                break
+        for _ in self._threads:
+            self._jobs.put(None)
+        for slot in self._slots:
+            slot.close()
+        for thread in self._threads:
+            thread.join(timeout=30.0)
 
 
 class DaskWorkers:
@@ -129,11 +198,11 @@ def usable_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _process_pool(count: int) -> Any:
+def _process_pool() -> Any:
     from pebble import ProcessPool
 
     # Fresh processes: a forked one would inherit the renderer's and the recorder's threads in an undefined state.
-    return ProcessPool(max_workers=count, initializer=warm_up, context=multiprocessing.get_context("spawn"))
+    return ProcessPool(max_workers=1, initializer=warm_up, context=multiprocessing.get_context("spawn"))
 
 
 def _outcome(done: Future[Outcome], job: Job) -> Outcome:
@@ -147,6 +216,8 @@ def _outcome(done: Future[Outcome], job: Job) -> Outcome:
         return Outcome("died", f"its process died ({_exit(error.exitcode)})", read_log(job))
     except CancelledError:
         return Outcome("died", "stopped")
+    except BrokenProcessPool:
+        raise
     except Exception as error:  # a result that cannot be sent, say
         return Outcome("raised", _short(error), read_log(job))
 
@@ -161,21 +232,18 @@ def _short(error: BaseException) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())[:300]
 
 
-_pool: Any = None
+_mine = threading.local()
+"""The process of each thread of a Dask worker."""
 
 
 def _on_cluster(job: Job) -> Outcome:
     """In a Dask worker: runs the job in a process of its own and returns its files."""
-    from distributed import get_worker
-
-    global _pool
-    if _pool is None:
+    if not hasattr(_mine, "slot"):
         _allow_children()
-        _pool = _process_pool(get_worker().state.nthreads)
+        _mine.slot = _Slot()
     folder = Path(tempfile.mkdtemp(prefix="robocar-"))
     try:
-        local = replace(job, out=folder)
-        outcome = _outcome(_pool.schedule(execute, args=[local], timeout=job.limit), local)
+        outcome = _mine.slot.run(replace(job, out=folder))
         return replace(outcome, files=pack(folder / job.name)) if outcome.kind == "done" else outcome
     finally:
         shutil.rmtree(folder, ignore_errors=True)

@@ -116,7 +116,7 @@ def command(suite: Path, out: Path, *more: str) -> list[str]:
 @pytest.fixture
 def slow_suite(short: str, marks: Path, tmp_path: Path) -> Path:
     path = tmp_path / "suite.yaml"
-    path.write_text(json.dumps({"runs": [{"scenarios": [short], "seeds": "0-9"}]}))
+    path.write_text(json.dumps({"runs": [{"scenarios": [short], "seeds": "0-7"}]}))
     return path
 
 
@@ -156,13 +156,12 @@ def test_a_sweep_that_is_stopped_goes_on_with_what_is_missing(slow_suite: Path, 
     done = sorted(path.parent.name for path in out.glob("*/metrics.json"))
     assert 2 <= len(done) < 8
     stamps = {name: (out / name / "metrics.json").stat().st_mtime_ns for name in done}
-    with pytest.raises(OutputError, match=f"holds runs already, {len(done)} of these 10"):
+    with pytest.raises(OutputError, match=f"holds runs already, {len(done)} of these 8"):
         sweep(load_suite(slow_suite, navigators=["bad_parts:slow"]), out)
-    again = subprocess.run([*words, "--resume"], env=environment, capture_output=True, text=True, cwd=tmp_path, check=False)
-    assert again.returncode == 0, again.stderr
-    assert f"{10 - len(done)} runs done, {len(done)} were there already, 0 lost" in again.stderr
+    swept = sweep(load_suite(slow_suite, navigators=["bad_parts:slow"]), out, jobs=1, resume=True)
+    assert (swept.done, swept.before, swept.lost) == (8 - len(done), len(done), ())
     assert {name: (out / name / "metrics.json").stat().st_mtime_ns for name in done} == stamps
-    assert len(read_results(out).rows) == 10
+    assert len(read_results(out).rows) == 8
     assert left_behind(out) == []
 
 
