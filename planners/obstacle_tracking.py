@@ -8,6 +8,7 @@ What the paper leaves open, and how it is decided here:
   obstacle come into sight. An obstacle is provisionally dynamic if, in addition, part of it now stands where an earlier scan saw
   through, or the scan now sees through where part of it stood, and definitely so if that is seen again.
 * Only obstacles whose both ends are open points and that are at most `max_obstacle_width` wide are followed: walls do not move.
+  One that comes out from close behind another is not seen to move before it stands free: only the guard knows of it until then.
 * Eq. 7 over two scans of noisy ends is too rough: the velocity is the slope of a straight line through the last second of
   positions (the middle between the ends).
 * An obstacle that turns (assumption A6: it stops, turns, goes on) leaves this line: the older positions are forgotten. One that
