@@ -63,7 +63,12 @@ class Drawn:
 
 FIGURES: dict[str, Drawn] = {
     # An obstacle near the goal stands behind another one and is not seen from the start.
-    "figure-8": Drawn((6.0, 5.0), [(1.6, 1.8, 2.6, 2.8), (3.9, 2.4, 4.4, 3.2), (2.8, 4.0, 3.4, 5.0)], (0.6, 0.8, 0.6), (5.2, 4.0)),
+    "figure-8": Drawn(
+        (6.0, 5.0),
+        [(1.6, 1.8, 2.6, 2.8), (3.9, 2.4, 4.4, 3.2), (2.8, 4.0, 3.4, 5.0)],
+        (0.6, 0.8, 0.6),
+        (5.2, 4.0),
+    ),
     # Obstacles on both sides of a way that is wide enough to choose how near to pass.
     "figure-9": Drawn(
         (7.0, 4.0),
@@ -72,7 +77,12 @@ FIGURES: dict[str, Drawn] = {
         (6.3, 0.8),
     ),
     # A culdesac between start and goal.
-    "figure-10": Drawn((6.5, 6.0), [(2.0, 1.8, 4.4, 1.95), (2.0, 4.05, 4.4, 4.2), (4.25, 1.8, 4.4, 4.2)], (2.6, 3.0, 0.0), (5.7, 3.0)),
+    "figure-10": Drawn(
+        (6.5, 6.0),
+        [(2.0, 1.8, 4.4, 1.95), (2.0, 4.05, 4.4, 4.2), (4.25, 1.8, 4.4, 4.2)],
+        (2.6, 3.0, 0.0),
+        (5.7, 3.0),
+    ),
     # The nearer way round is closed by a wall that begins out of range.
     "figure-11": Drawn(
         (8.0, 6.0),

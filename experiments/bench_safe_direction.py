@@ -1,7 +1,7 @@
 """Time of one decision of safe-direction navigation, and of the transforms.
 
-`python -m experiments.bench_safe_direction` prints medians (compilation is not counted); the distance transform stands beside scipy's
-Dijkstra on the same grid graph.
+`python -m experiments.bench_safe_direction` prints medians (compilation is not counted); beside the distance transform
+stands scipy's Dijkstra on the same grid graph.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from experiments._safe_direction_worlds import FIGURES
 from experiments.safe_direction_figures import bare_car
-from planners.safe_direction import Directions, Parameters
+from planners.safe_direction_method import Directions, Parameters
 from planners.safe_direction_view import Panorama, Sector
 from planners.transforms import METRICS, distance_transform, obstacle_transform, path_transform
 from robocar.core import SE2, Scan

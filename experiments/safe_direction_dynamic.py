@@ -1,7 +1,7 @@
 """Safe-direction navigation among movers that cross corridors: two to six of them, up to 0.3 m/s, in contact physics.
 
-The car crosses a hall of corridors between blocks; cylinders and boxes go to and fro across its way. Where they go, how fast and how
-large they are is drawn by the seed. A contact while the car moves ends a run.
+The car crosses a hall of corridors between blocks; cylinders and boxes go to and fro across its way. Where they go, how fast and
+how large they are is drawn by the seed. A contact while the car moves ends a run.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The figures of the safe-direction paper in physics: histogram, hidden obstacle, safety factor, culdesac, wrong way, complex world.
+"""The figures of the safe-direction paper in physics.
 
 Each world is drawn after its figure (`_safe_direction_worlds`); the car knows the goal and what its laser sees, with noise. The
 paper gives no numbers: what it claims is counted here.
@@ -20,7 +20,7 @@ from matplotlib.axes import Axes
 from scipy.stats import spearmanr
 
 from experiments._safe_direction_worlds import FIGURES, Drawn, culdesac, middle_error, path_clearance
-from planners.safe_direction import Directions, Parameters
+from planners.safe_direction_method import Directions, Parameters
 from planners.safe_direction_view import Panorama, Sector
 from planners.transforms import descend, distance_transform, obstacle_transform
 from robocar.core import SE2, Array, Footprint, Robot, Scan
@@ -144,8 +144,8 @@ def _figures(
         ("world", "navigator", "reached", "contacts", "way / shortest", "min clearance [m]", "mean clearance [m]",
          "least of the centre [m]", "distance transform's [m]"),
         rows,
-        f"{len(seeds)} seeds each, laser of 205 degrees with noise, default parameters. Clearances are the outline's; the last two "
-        "columns are the robot centre's, ours and that of the distance-transform path on the whole map.",
+        f"{len(seeds)} seeds each, laser of 205 degrees with noise, default parameters. Clearances are the outline's; the last "
+        "two columns are the robot centre's, ours and that of the distance-transform path on the whole map.",
     )  # fmt: skip
     names = list(dict.fromkeys(name for name, _ in cases))
     figure, axes = plt.subplots(
@@ -221,9 +221,11 @@ def _ranges(report: Report, out: Path, scenarios: dict[str, dict[str, Any]], qui
         (f"range {r:g} m", {"max_range": r}) for r in (RANGES[::4] if quick else RANGES)
     ]
     settings += [(f"view {v:g} deg", {"view_angle": math.radians(v)}) for v in (VIEWS[2:3] if quick else VIEWS)]
-    jobs = [_job(scenarios[name], 0, out, extra) | {"record": False} for _, extra in settings for name in names]
-    for job in jobs:
-        job["settings"]["robot.lidar"] = "scan360"
+    jobs = [
+        _job({**scenarios[name], "robot": {"lidar": "scan360", "sonars": "none"}}, 0, out, extra) | {"record": False}
+        for _, extra in settings
+        for name in names
+    ]
     results = run_many(jobs)
     rows = []
     for i, (label, _) in enumerate(settings):
@@ -242,11 +244,11 @@ def _ranges(report: Report, out: Path, scenarios: dict[str, dict[str, Any]], qui
 
 
 def _cycle(report: Report, out: Path, seeds: range) -> None:
-    """A world in which a method without a memory goes in circles: why it turned back is out of sight before there is another way."""
+    """A world in which a method without a memory goes in circles: why it turned back gets out of sight too soon."""
     navigators = ("safe-direction", "safe-direction-memory")
     jobs = [
-        {"scenario": "spiral", "navigator": n, "seed": k, "out": out / "runs", "record": k == 0, "force": True, "estimator": "truth",
-         "settings": SPIRAL}
+        {"scenario": "spiral", "navigator": n, "seed": k, "out": out / "runs", "record": k == 0, "force": True,
+         "estimator": "truth", "settings": SPIRAL}
         for n in navigators
         for k in seeds
     ]  # fmt: skip

@@ -87,8 +87,8 @@ def safe_direction(found: Fan, shortest: float, width: float, barrier: float) ->
     """Index of p_SF, the direction with the largest N (eq. 4).
 
     It is looked for within `width` [rad] around the shortest direction. With half a circle P keeps a component of at least
-    1 - alpha along p_D: the distance transform falls on whatever way is chosen, which the paper's rule alone does not promise for a
-    sensor that looks all round. It is also looked for on this side of what stands nearer than `barrier` [m]: the middle between
+    1 - alpha along p_D: the distance transform falls on whatever way is chosen, which the paper's rule alone does not promise for
+    a sensor that looks all round. It is also looked for on this side of what stands nearer than `barrier` [m]: the middle between
     two ways past a post leads into the post.
     """
     start = found.nearest(shortest)

@@ -114,7 +114,8 @@ class Panorama:
         # Surfaces of an earlier scan of the panorama have other numbers.
         first = int(self.surface.max()) + 1
         _fill(
-            self.ranges, self.hit, self.surface, points, hits, pose.theta, pairs, self._join, laser is not None, self.sector.whole, first,
+            self.ranges, self.hit, self.surface, points, hits, pose.theta, pairs, self._join, laser is not None,
+            self.sector.whole, first,
         )  # fmt: skip
         return True
 

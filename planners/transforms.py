@@ -39,8 +39,8 @@ def distance_transform(
 
     Args:
         blocked: (rows, cols) bool.
-        goal: (row, col) of the goal's cell as whole numbers, or of a point in continuous coordinates. Outside the grid nothing is blocked, and
-            the way there enters through the outermost cells, of which those that face the goal should be free.
+        goal: (row, col) of the goal's cell as whole numbers, or of a point in continuous coordinates. Outside the grid nothing is
+            blocked, and the way there enters through the outermost cells, of which those that face the goal should be free.
         metric: `jarvis`: each of the eight neighbours is one step away (the paper's natural numbers); `octile`: sqrt(2) to the
             diagonal ones, exact shortest grid paths; both without cutting corners. `euclidean`: viscosity solution of the eikonal
             equation |grad u| = 1 (first-order upwind scheme: Sethian 1996), which has no favourite directions.

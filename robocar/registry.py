@@ -142,13 +142,13 @@ NAVIGATORS: dict[str, Entry] = {
         "planners.safe_direction:build",
         "between the shortest and the safest direction of one scan; keeps to the middle, keeps no map",
         "Trihatmo, BPPT",
-        parameters=("planners.safe_direction:Parameters", "planners.pure_pursuit:Parameters"),
+        parameters=("planners.safe_direction_method:Parameters", "planners.pure_pursuit:Parameters"),
     ),
     "safe-direction-memory": Entry(
         "planners.safe_direction:build_with_memory",
         "the same with a memory of what was seen, on a grid that rolls along: gets out of deeper traps",
         "Trihatmo, BPPT",
-        parameters=("planners.safe_direction:Parameters", "planners.pure_pursuit:Parameters"),
+        parameters=("planners.safe_direction_method:Parameters", "planners.pure_pursuit:Parameters"),
     ),
     "path-transform": _follow(
         "path_transform", "cheapest path where nearness to obstacles costs, followed by pure pursuit", "Zelinsky 1994"

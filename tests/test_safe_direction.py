@@ -1,4 +1,4 @@
-"""Safe-direction navigation in physics. Oracles: contact in the simulator, run hashes, the recording's entities, distances by hand."""
+"""Safe-direction navigation in physics. Oracles: contact in the simulator, run hashes, recorded entities, distances by hand."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_distance_from_the_middle_line_by_hand() -> None:
 
 @pytest.mark.parametrize("movers", [2, 6])
 def test_the_hall_of_movers(movers: int, tmp_path: Path) -> None:
-    """Equal seeds, equal movers; none faster than 0.3 m/s, and all run free of the walls (`Scene.load` checks the swept outlines)."""
+    """Equal seeds, equal movers; none faster than 0.3 m/s, and all run free of the walls (`Scene.load` checks that)."""
     drawn = world(5, movers)
     assert drawn == world(5, movers)
     assert drawn != world(6, movers)

@@ -1,4 +1,4 @@
-"""Safe-direction navigation. Oracles: the paper's equations by hand, sums written down naively, geometry, a world without physics."""
+"""Safe-direction navigation. Oracles: the paper's equations by hand, naive sums, geometry, a world without physics."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from kinematic import DT, car, context
 
-from planners.safe_direction import Directions, Parameters, build, build_with_memory
+from planners.safe_direction import build, build_with_memory
 from planners.safe_direction_fan import Fan, choose, directions, fan, safe_direction, shortest_direction
 from planners.safe_direction_memory import RollingMemory
+from planners.safe_direction_method import Directions, Parameters
 from planners.safe_direction_view import Panorama, Readings, Sector, leading_edges, sector_of, window
 from planners.transforms import distance_transform
 from robocar.core import (
@@ -184,7 +185,7 @@ def test_no_way_is_no_direction() -> None:
 
 
 def test_behind_a_box_is_unseen_for_one_reading_and_free_for_the_other() -> None:
-    """Fig. 1: a box ahead; its face is occupied, before it is free, behind it nothing is known; all that is free is truly free."""
+    """Fig. 1: a box ahead; its face is occupied, before it is free, behind it nothing is known; what is free is truly free."""
     world = room((2.5, 1.5, 3.0, 2.5))
     _, seen = look(world, SE2(1.5, 2.0))
     face, before, behind = (tuple(seen.grid.cell_from_world(p)) for p in ([2.53, 2.0], [2.2, 2.0], [3.3, 2.0]))
@@ -237,7 +238,7 @@ def test_what_moves_has_leading_edges() -> None:
 
 
 def test_the_memory_keeps_what_is_out_of_sight_and_forgets_what_is_far() -> None:
-    """A post passed by stays, on the same place; half the memory's side away it is forgotten; seen to be gone it is taken back."""
+    """A post passed by stays, on the same place; half the memory's side away it is forgotten; seen gone it is taken back."""
     memory, post = RollingMemory(6.0, 0.05), np.array([2.02, 2.02])
 
     def seen(pose: SE2, occupied: bool) -> Readings:
@@ -321,9 +322,10 @@ def test_a_silent_laser_stops_the_car_though_its_sonars_speak() -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("alpha", 1.1), ("alpha", -0.1), ("alpha", math.nan), ("delta", 0.0), ("delta", 1.5), ("view_angle", 0.0), ("view_angle", 7.0),
-     ("max_range", 0.0), ("max_range", math.inf), ("number_of_directions", 2), ("resolution", 0.0), ("metric", "manhattan"),
-     ("step_share", 1.0), ("memory_size", 1.0), ("padding", -1.0), ("patience", 0.0), ("safe_sector", 0.0), ("safe_range", 0.0)],
+    [("alpha", 1.1), ("alpha", -0.1), ("alpha", math.nan), ("delta", 0.0), ("delta", 1.5), ("view_angle", 0.0),
+     ("view_angle", 7.0), ("max_range", 0.0), ("max_range", math.inf), ("number_of_directions", 2), ("resolution", 0.0),
+     ("metric", "manhattan"), ("step_share", 1.0), ("memory_size", 1.0), ("padding", -1.0), ("patience", 0.0),
+     ("safe_sector", 0.0), ("safe_range", 0.0)],
 )  # fmt: skip
 def test_parameters_out_of_range_name_themselves(name: str, value: object) -> None:
     with pytest.raises(ParameterError, match=name):

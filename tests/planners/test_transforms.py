@@ -86,7 +86,7 @@ def test_no_obstacle_is_infinitely_far() -> None:
 @given(SEEDS)
 @settings(max_examples=40, deadline=None)
 def test_eikonal_solves_its_scheme(seed: int) -> None:
-    """Property: at every reached cell but the seeds the upwind equation holds; unreached cells are not connected (scipy's labels)."""
+    """Property: at every reached cell but the seeds the upwind equation holds; the others are not connected (scipy's labels)."""
     blocked = world(seed, 0.2)
     goal = tuple(int(i) for i in np.random.default_rng(seed).integers(blocked.shape))
     u = distance_transform(blocked, goal, "euclidean")
