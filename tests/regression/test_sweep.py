@@ -22,9 +22,11 @@ import pytest
 from conftest import suite_of
 
 from robocar.core import OutputError, RobocarError, ScenarioError
+from robocar.regression.pool import workers
 from robocar.regression.results import is_complete, read_results
 from robocar.regression.suite import load_suite
 from robocar.regression.sweep import sweep
+from robocar.regression.worker import Job, Outcome
 from robocar.run import run
 
 ROOT = Path(__file__).parents[2]
@@ -272,3 +274,17 @@ def test_a_folder_that_cannot_be_written(short: str, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="cannot write here"):
         sweep(suite_of(short), tmp_path / "file" / "out")
+
+
+def test_a_process_killed_between_two_runs_is_replaced(short: str, tmp_path: Path) -> None:
+    """Nobody is at work then, so nobody is to blame: the next run is done at its first try."""
+    (case,) = suite_of(short).cases
+    jobs = [Job(name, case.arguments(), tmp_path / name) for name in ("first", "second")]
+    with workers(1) as one:
+        assert one.submit(jobs[0]).result(timeout=60) == Outcome("done")
+        (victim,) = multiprocessing.active_children()
+        assert victim.pid is not None
+        os.kill(victim.pid, signal.SIGKILL)
+        victim.join()
+        assert one.submit(jobs[1]).result(timeout=60) == Outcome("done")
+    assert multiprocessing.active_children() == []
