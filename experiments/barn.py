@@ -35,7 +35,7 @@ NAVIGATORS = (
 TIME_LIMIT, SUCCESS_RADIUS = 100.0, 1.0  # [s], [m] of the challenge
 CHALLENGE_DWA = {"success": 0.88, "score": 0.169}
 """The challenge's own DWA example, with a Jackal."""
-COLORS = plt.get_cmap("tab20")
+COLORS = plt.get_cmap("tab10")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,8 +108,8 @@ def main(out: Path, quick: bool = False) -> None:
     report.say(
         f"Worlds: {origin}. Success: within {SUCCESS_RADIUS:g} m of the goal, no contact, within {TIME_LIMIT:g} s. "
         "Score: S OT / clip(AT, 2 OT, 8 OT), OT = reference length / (2 m/s). The car is 0.20 x 0.18 m and drives at most "
-        "0.4 m/s (the challenge's Jackal: 0.51 x 0.43 m, 2 m/s), so the ways are wider for it, and no score can exceed "
-        "0.4 / 2 = 0.2 on a way as long as the reference. Laser: 205 degrees, 5.6 m. The pose is known."
+        "0.4 m/s (the challenge's Jackal: 0.51 x 0.43 m, 2 m/s): ways are wider for it, and a way as long as the reference cannot "
+        "score more than 0.4 / 2 = 0.2. Laser: 205 degrees, 5.6 m. The pose is known."
     )
     _overall(report, fields, results)
     _each(report, fields, results)
@@ -177,9 +177,9 @@ def _picture(path: Path, fields: Sequence[Course], results: Mapping[str, list[Ru
             axis.add_patch(Circle((centre_x, centre_y), r, color="0.35", lw=0))
         for k, (navigator, runs) in enumerate(results.items()):
             way = runs[i].truth.poses
-            axis.plot(*way[:, :2].T, lw=0.7, color=COLORS(k), label=navigator)
+            axis.plot(*way[:, :2].T, lw=0.7, color=COLORS(k % 10), label=navigator)
             if not runs[i].success:
-                axis.plot(*way[-1, :2], "x", ms=5, color=COLORS(k))
+                axis.plot(*way[-1, :2], "x", ms=5, color=COLORS(k % 10))
         axis.plot(*GOAL, "*", color="tab:red", ms=4)
     handles, labels = axes.flat[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=6, fontsize=7)
