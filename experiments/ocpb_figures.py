@@ -96,10 +96,11 @@ def _scans(report: Report, out: Path, count: int) -> None:
     report.number("within_beam_spacing_across", float(np.mean(error <= strict)), "1", 0.99)
     report.number("within_beam_spacing_on_surface", float(np.mean(error <= along)), "1", 0.99)
     report.number("median_error", float(np.median(error)), "m")
+    surface, across = np.mean(error <= along), np.mean(error <= strict)
     report.say(
-        f"{len(errors)} open points of scans without noise, from random places: {np.mean(error <= along):.1%} lie within 5 cm or "
-        f"one spacing of the beams on that surface of a visible corner; {np.mean(error <= strict):.1%} within 5 cm or the spacing "
-        f"across the beams (range times angle), which on walls seen at a grazing angle is less. Median {np.median(error):.3f} m."
+        f"{len(errors)} open points of scans without noise, from random places: {surface:.1%} lie within 5 cm or one spacing of "
+        f"the beams on that surface of a visible corner; {across:.1%} within 5 cm or the spacing across the beams (range times "
+        f"angle), which on walls seen at a grazing angle is less. Median {np.median(error):.3f} m."
     )
     figure, axes = plt.subplots(1, 2, figsize=(10, 5), layout="constrained")
     for axis, pose in zip(axes, (SE2(3.2, 2.6, 0.0), SE2(1.4, 2.6, 0.0)), strict=True):
