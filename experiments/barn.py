@@ -108,7 +108,7 @@ def main(out: Path, quick: bool = False) -> None:
     report.say(
         f"Worlds: {origin}. Success: within {SUCCESS_RADIUS:g} m of the goal, no contact, within {TIME_LIMIT:g} s. "
         "Score: S OT / clip(AT, 2 OT, 8 OT), OT = reference length / (2 m/s). The car is 0.20 x 0.18 m and drives at most "
-        "0.4 m/s (the challenge's Jackal: 0.51 x 0.43 m, 2 m/s): ways are wider for it, and a way as long as the reference cannot "
+        "0.4 m/s (the challenge's Jackal: 0.51 x 0.43 m, 2 m/s): ways are wider for it, and one as long as the reference cannot "
         "score more than 0.4 / 2 = 0.2. Laser: 205 degrees, 5.6 m. The pose is known."
     )
     _overall(report, fields, results)
