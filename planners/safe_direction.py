@@ -159,7 +159,8 @@ class SafeDirection:
         if not self.panorama.look(pose, observation.lidar if self.robot.lidar is not None else None, sonars):
             return replace(STOP, trace={"safe_direction": Text("all beams are lost: standing", "WARN")})
         scanned = seen = self.directions.readings(pose, self.panorama)
-        self._coming = self._approaching(scanned, pose.theta, observation.time)
+        if self.robot.lidar is not None:  # a sonar's arc leaps as its cone sweeps over a corner: that is no motion
+            self._coming = self._approaching(scanned, pose.theta, observation.time)
         if self.memory is not None:
             seen = self.memory.merge(pose, seen)
         self._count_ground(pose)
