@@ -58,7 +58,8 @@ _LEAST = 0.10  # [m] a direction that is free no farther is none
 _GROUND = 0.25  # [m] side of the squares that count as ground covered
 _TURNING = 0.15  # [m/rad] what turning counts as, in metres of way
 _CONFIRMED = 1.0  # [s] that what lengthens the way has to stay in sight to count: what moves goes away again
-_FORGET_AGAIN, _FORGET_MOST = 0.5, 10  # [m, 1] way between two clearings of the memory for want of a way, and their number
+_FORGET_AGAIN, _FORGET_MOST = 0.5, 20  # [m, 1] way between two clearings of the memory for want of a way, and their number
+_FORGET_PERIOD = 1.0  # [s] or the time between them, where the car stands
 _MOMENT = 0.6  # [s] between two scans that are compared to see what moves
 _KEEP_OFF, _LOOK_AHEAD = 0.10, 1.0  # [m, s] the car does not get so near to what moves sooner than this
 _PICTURE = 5  # decisions from one picture of the grids in the recording to the next
@@ -132,7 +133,7 @@ class SafeDirection:
         self._bounds: deque[tuple[float, float]] = deque()  # of the last seconds: time, way to the goal plus way driven
         self._waiting_since: float | None = None
         self._turning = False
-        self._forgotten, self._forgotten_at = 0, -math.inf
+        self._forgotten, self._forgotten_at, self._forgot = 0, -math.inf, -math.inf
         self._decisions = 0
 
     def command(
@@ -261,8 +262,9 @@ class SafeDirection:
         if decision.choice is not None:
             self._waiting_since = None
             return None
-        if self.memory is not None and self._forgotten < _FORGET_MOST and self._driven - self._forgotten_at >= _FORGET_AGAIN:
-            self._forgotten, self._forgotten_at = self._forgotten + 1, self._driven
+        again = self._driven - self._forgotten_at >= _FORGET_AGAIN or time - self._forgot >= _FORGET_PERIOD
+        if self.memory is not None and self._forgotten < _FORGET_MOST and again:
+            self._forgotten, self._forgotten_at, self._forgot = self._forgotten + 1, self._driven, time
             self.memory.forget()
             return replace(STOP, trace={"safe_direction": Text("no way: what was seen is forgotten", "WARN")})
         if self._waiting_since is None:
@@ -444,6 +446,8 @@ def _navigator(context: Context, remembers: bool) -> Reactive:
     sensors = (robot.lidar,) if robot.lidar is not None else robot.sonars
     period = max(context.control_period, *(sensor.period for sensor in sensors))
     pursuit = PurePursuit(robot, period, context.parameters_of(pure_pursuit.Parameters))
+    # A sonar's arcs are too coarse to be remembered: a few of them close every passage. Without a laser only the present counts.
+    remembers = remembers and robot.lidar is not None
     memory = RollingMemory(parameters.memory_size, parameters.resolution) if remembers else None
     planner = SafeDirection(robot, period, pursuit, memory, parameters)
     return Reactive(planner)
