@@ -163,6 +163,7 @@ def _picture(
             if not result.success:
                 axis.plot(*result.truth.poses[-1, :2], "x", color=color)
         axis.set(title=f"{count} movers", xlabel="x [m]", ylabel="y [m]", aspect="equal")
+        axis.set(xlim=(corner.x, corner.x + scene.grid.size[0]), ylim=(corner.y, corner.y + scene.grid.size[1]))
         axis.legend(fontsize=7, loc="upper left")
     figure.savefig(path, dpi=130)
     plt.close(figure)
