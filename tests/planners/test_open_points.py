@@ -98,7 +98,7 @@ def test_corners_that_hide_something_are_found() -> None:
         assert seen is not None
         points = np.array([point.position for point in find_open_points(seen, 0.2, 0.01)]).reshape(-1, 2)
         ranges = cast_rays(grid, grid.occupied, (x, y), fine, MAX_RANGE)
-        for k in np.flatnonzero(np.roll(ranges, -1) - ranges > 0.4):
+        for k in np.flatnonzero(np.roll(ranges, -1) > ranges + 0.4):
             grazing = ranges[k] - ranges[k - 100] > 2.0 * ranges[k] * math.radians(1.0)
             beyond = np.take(ranges, range(k + 1, k + 200), mode="wrap").min() > ranges[k] + 0.2  # a beam passes for sure
             if grazing or not beyond or ranges[k - 200] > ranges[k] + 0.2 or ranges[k] > MAX_RANGE - 0.4:
