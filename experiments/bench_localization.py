@@ -117,8 +117,8 @@ def reference_parameters() -> dict:
     return {"landmarks": landmarks, "n_particles": 100, "range_std": 0.2, "input_std_v_yawdeg": [2.0, 40.0]}
 
 
-def main(out: Path, quick: bool = False) -> None:
-    """Measures and writes a table."""
+def main(out: Path = Path("runs/bench_localization"), quick: bool = False) -> None:
+    """Measures, prints and writes a table."""
     rounds = 200 if quick else 3000
     report = Report(out, "Benchmark of localization")
     rows = []
@@ -143,7 +143,7 @@ def main(out: Path, quick: bool = False) -> None:
         ("what", "smallest time [µs]", "target [µs]", "times as fast per particle as a plain Python loop"),
         rows,
     )
-    report.write()
+    print(report.write().read_text())
 
 
 if __name__ == "__main__":
