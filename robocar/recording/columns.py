@@ -97,6 +97,16 @@ def clouds(rows: Rows) -> list[rr.ComponentColumn]:
     return [cells(rr.Points3D.descriptor_positions(), positions, [len(row) for row in rows])]
 
 
+def marks(rows: Rows) -> list[rr.ComponentColumn]:
+    """Rows are (points (n, 3) [m], colour 0xRRGGBBAA, radius [m])."""
+    points, colors, radii = zip(*rows, strict=True)
+    return [
+        *clouds(list(points)),
+        cells(rr.Points3D.descriptor_colors(), pa.array(colors, pa.uint32())),
+        cells(rr.Points3D.descriptor_radii(), pa.array(radii, pa.float32())),
+    ]
+
+
 def archetypes(rows: Rows) -> list[rr.ComponentColumn]:
     """Rows are mappings from component to its values (an Arrow array), all with the same components."""
     table = []

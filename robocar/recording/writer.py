@@ -28,7 +28,7 @@ from robocar.core import (
     Scan,
     Serial,
 )
-from robocar.core.trace import Circles, Scalar, Text, Trace
+from robocar.core.trace import Circles, Drawable, Points, Scalar, Text, Trace
 from robocar.core.truth import GroundTruth
 from robocar.recording import about, codec, columns, drawing, palette
 from robocar.recording.blueprint import blueprint, extent
@@ -142,7 +142,7 @@ class RerunRecorder:
         self._trace(belief.trace)
         self._trace(command.trace)
         for name, item in self._traces.due(self._time):
-            self._row(name, drawing.drawable(item, self._scale))
+            self._draw(name, item)
         if (self._tick + 1) % self._flush_ticks == 0:
             self._flush()
 
@@ -151,7 +151,7 @@ class RerunRecorder:
         if self._closed:
             return
         for name, item in self._traces.due(math.inf):
-            self._row(name, drawing.drawable(item, self._scale))
+            self._draw(name, item)
         facts = dict(about.flat(self._properties)) | dict(about.flat(result or {}))
         if facts:
             self._stream.send_property("run", rr.AnyValues(**facts))
@@ -275,6 +275,13 @@ class RerunRecorder:
         if buffer is None:
             buffer = self._buffers[entity] = Buffer(entity, build)
         return buffer
+
+    def _draw(self, entity: str, item: Drawable) -> None:
+        if isinstance(item, Points) and item.values is None and not item.labels:  # what planners show most often
+            row = (drawing.raised(item.positions, drawing.PLAN_LAYER), palette.rgba32(item.color), item.radius * self._scale)
+            self._buffer(entity, columns.marks).append(max(self._tick, 0), self._time, row)
+        else:
+            self._row(entity, drawing.drawable(item, self._scale))
 
     def _log(self, entity: str, *parts: rr.AsComponents) -> None:
         self._row(entity, drawing.components(*parts))
