@@ -294,14 +294,21 @@ def load_scenario(source: str | Path | Mapping[str, Any] | Scenario, overrides: 
         content, where, folder = dict(source), str(source.get("name", "scenario")), Path.cwd()
     else:
         path = find_scenario(str(source))
-        content, where, folder = _read_yaml(path), str(path), path.resolve().parent
+        content, where, folder = read_mapping(path, "a scenario"), str(path), path.resolve().parent
+        if "folder" in content:
+            raise ScenarioError(f"{path}: unknown key 'folder'")
         content.setdefault("name", path.stem)
     for key, value in (overrides or {}).items():
         _put(content, key, value)
     return _validated(content | {"folder": folder}, where)
 
 
-def _read_yaml(path: Path) -> dict[str, Any]:
+def read_mapping(path: Path, what: str) -> dict[str, Any]:
+    """The mapping in a YAML file; `what` it is, for the message.
+
+    Raises:
+        ScenarioError: the file cannot be read, or holds none; with the line where there is one.
+    """
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
@@ -311,9 +318,7 @@ def _read_yaml(path: Path) -> dict[str, Any]:
         line = f" line {mark.line + 1}:" if mark is not None else ""
         raise ScenarioError(f"{path}:{line} not YAML: {getattr(error, 'problem', error)}") from error
     if not isinstance(content, dict):
-        raise ScenarioError(f"{path}: a scenario is a mapping of keys to values, not {type(content).__name__}")
-    if "folder" in content:
-        raise ScenarioError(f"{path}: unknown key 'folder'")
+        raise ScenarioError(f"{path}: {what} is a mapping of keys to values, not {type(content).__name__}")
     return content
 
 

@@ -9,7 +9,6 @@ from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from robocar.core import RobocarError, ScenarioError, UnknownNameError
@@ -17,7 +16,7 @@ from robocar.paths import MODELS
 from robocar.registry import Kind, did_you_mean, find, names, parameters
 from robocar.regression.judgement import TOLERANCES, Tolerance, tolerances
 from robocar.run_directory import run_name
-from robocar.scenario import COMPONENTS, Scenario, find_scenario, load_scenario, split_overrides
+from robocar.scenario import COMPONENTS, Scenario, find_scenario, load_scenario, read_mapping, split_overrides
 
 MOST_SEEDS = 10_000
 
@@ -163,7 +162,7 @@ def load_suite(source: str | Path | Mapping[str, Any], *, navigators: Sequence[s
         content, where, folder = dict(source), str(source.get("name", "suite")), Path.cwd()
     else:
         path = find_suite(source)
-        content, where, folder = _read(path), str(path), path.resolve().parent
+        content, where, folder = read_mapping(path, "a suite"), str(path), path.resolve().parent
         content.setdefault("name", path.stem)
     try:
         model = SuiteModel.model_validate(content)
@@ -271,20 +270,6 @@ class _Check:
 
 def _ours(kind: Kind) -> set[str]:
     return {name for name, entry in names(kind).items() if entry.factory.startswith(("planners.", "robocar."))}
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path}: cannot be read: {error}") from error
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f" line {mark.line + 1}:" if mark is not None else ""
-        raise ScenarioError(f"{path}:{line} not YAML: {getattr(error, 'problem', error)}") from error
-    if not isinstance(content, dict):
-        raise ScenarioError(f"{path}: a suite is a mapping of keys to values, not {type(content).__name__}")
-    return content
 
 
 def _explain(error: Any) -> str:

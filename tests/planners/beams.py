@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
+import kinematic
 import numpy as np
 from kinematic import car, touches
 
@@ -68,20 +69,10 @@ def scan_of(
 
 
 @dataclass
-class Drives:
-    """What came of an episode."""
+class Drives(kinematic.Drives):
+    """What came of an episode; `closest` is the least distance to a mover's disc [m]."""
 
-    status: str
-    poses: list[SE2] = field(default_factory=list)
-    twists: list[Twist] = field(default_factory=list)
-    traces: list = field(default_factory=list)
-    reason: str = ""
     closest: float = math.inf
-
-    @property
-    def length(self) -> float:
-        points = np.array([pose.position for pose in self.poses])
-        return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
 def drive(
