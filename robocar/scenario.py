@@ -17,7 +17,6 @@ from pydantic import (
     Discriminator,
     Field,
     Tag,
-    ValidationError,
     field_validator,
     model_validator,
 )
@@ -29,6 +28,7 @@ from robocar.registry import did_you_mean
 from robocar.sim.movers import Motion, Mover
 from robocar.sim.sensors import SensorParameters
 from robocar.sim.simulation import PhysicsParameters
+from robocar.yaml_models import read_mapping, validated
 
 
 def _no_flag(value: Any) -> Any:
@@ -300,26 +300,7 @@ def load_scenario(source: str | Path | Mapping[str, Any] | Scenario, overrides: 
         content.setdefault("name", path.stem)
     for key, value in (overrides or {}).items():
         _put(content, key, value)
-    return _validated(content | {"folder": folder}, where)
-
-
-def read_mapping(path: Path, what: str) -> dict[str, Any]:
-    """The mapping in a YAML file; `what` it is, for the message.
-
-    Raises:
-        ScenarioError: the file cannot be read, or holds none; with the line where there is one.
-    """
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path}: cannot be read: {error}") from error
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f" line {mark.line + 1}:" if mark is not None else ""
-        raise ScenarioError(f"{path}:{line} not YAML: {getattr(error, 'problem', error)}") from error
-    if not isinstance(content, dict):
-        raise ScenarioError(f"{path}: {what} is a mapping of keys to values, not {type(content).__name__}")
-    return content
+    return validated(Scenario, content | {"folder": folder}, where)
 
 
 def _put(content: dict[str, Any], key: str, value: Any) -> None:
@@ -332,44 +313,6 @@ def _put(content: dict[str, Any], key: str, value: Any) -> None:
         content[parent] = inner = dict(inner) if isinstance(inner, Mapping) else {}
         content = inner
     content[last] = value
-
-
-def _validated(content: dict[str, Any], where: str) -> Scenario:
-    try:
-        return Scenario.model_validate(content)
-    except ValidationError as error:
-        raise ScenarioError(f"{where}: " + "; ".join(_explain(e) for e in error.errors())) from error
-
-
-def _explain(error: Any) -> str:
-    """One pydantic error in our words."""
-    location = [part for part in error["loc"] if not (isinstance(part, str) and ("[" in part or part.startswith("function-")))]
-    field = ".".join(str(part) for part in location)
-    if error["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-        return f"unknown key {field!r}{did_you_mean(str(location[-1]), _keys_at(location[:-1]))}"
-    if error["type"] == "missing" and isinstance(location[-1], int):
-        return f"{'.'.join(map(str, location[:-1]))}: number {location[-1] + 1} is missing"
-    if error["type"] == "missing":
-        return f"missing key {field!r}"
-    if error["type"] == "too_long":
-        return f"{field}: at most {error['ctx']['max_length']} numbers, not {error['input']!r}"
-    message = error["msg"].removeprefix("Value error, ")
-    if error["type"] == "value_error":
-        return f"{field}: {message}" if field else message
-    return f"{field}: {message}, not {error['input']!r}"
-
-
-def _keys_at(location: list[Any]) -> list[str]:
-    """Valid keys of the model that a location leads to."""
-    schema = Scenario.model_json_schema()
-    node: dict[str, Any] = schema
-    for part in location:
-        node = node.get("items", {}) if isinstance(part, int) else node.get("properties", {}).get(part, {})
-        for choice in (node, *node.get("anyOf", []), *node.get("allOf", [])):
-            if "$ref" in choice:
-                node = schema["$defs"][choice["$ref"].rpartition("/")[2]]
-                break
-    return [key for key in node.get("properties", {}) if key != "folder"]
 
 
 def split_overrides(settings: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from robocar.core import RobocarError, ScenarioError, UnknownNameError
 from robocar.paths import MODELS
 from robocar.registry import Kind, did_you_mean, find, names, parameters
 from robocar.regression.judgement import TOLERANCES, Tolerance, tolerances
 from robocar.run_directory import run_name
-from robocar.scenario import COMPONENTS, Scenario, find_scenario, load_scenario, read_mapping, split_overrides
+from robocar.scenario import COMPONENTS, Scenario, find_scenario, load_scenario, split_overrides
+from robocar.yaml_models import read_mapping, validated
 
 MOST_SEEDS = 10_000
 
@@ -164,10 +164,7 @@ def load_suite(source: str | Path | Mapping[str, Any], *, navigators: Sequence[s
         path = find_suite(source)
         content, where, folder = read_mapping(path, "a suite"), str(path), path.resolve().parent
         content.setdefault("name", path.stem)
-    try:
-        model = SuiteModel.model_validate(content)
-    except ValidationError as error:
-        raise ScenarioError(f"{where}: " + "; ".join(_explain(e) for e in error.errors())) from error
+    model = validated(SuiteModel, content, where)
     for seed in seeds:
         if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
             raise ScenarioError(f"a seed must be a whole number from 0 on, not {seed!r}")
@@ -270,17 +267,3 @@ class _Check:
 
 def _ours(kind: Kind) -> set[str]:
     return {name for name, entry in names(kind).items() if entry.factory.startswith(("planners.", "robocar."))}
-
-
-def _explain(error: Any) -> str:
-    """One pydantic error in our words."""
-    location = [str(part) for part in error["loc"]]
-    place = ".".join(location)
-    if error["type"] == "extra_forbidden":
-        model = Block if location[0] == "runs" else ToleranceModel if location[0] == "tolerances" else SuiteModel
-        known = list(model.model_fields)
-        return f"unknown key {place!r}{did_you_mean(location[-1], known)}; known: {', '.join(known)}"
-    if error["type"] == "missing":
-        return f"missing key {place!r}"
-    message = error["msg"].removeprefix("Value error, ")
-    return f"{place}: {message}" + ("" if error["type"] == "value_error" else f", not {json.dumps(error['input'], default=str)}")
