@@ -14,13 +14,13 @@ from __future__ import annotations
 import math
 from typing import Literal, TypeAlias, get_args
 
-import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from planners.grid_search import COL_STEPS, ROW_STEPS, doubled
 from robocar.core import Array
+from robocar.core.distance import distance_transform as exact_distance
 
 Metric: TypeAlias = Literal["jarvis", "octile", "euclidean"]
 METRICS: tuple[Metric, ...] = get_args(Metric)
@@ -112,8 +112,9 @@ def obstacle_transform(blocked: ArrayLike, metric: Metric = "euclidean") -> Arra
 
     Args:
         blocked: (rows, cols) bool.
-        metric: `euclidean`: exact (OpenCV's precise transform: Felzenszwalb and Huttenlocher 2012); `jarvis`: in steps to eight
-            neighbours, the natural numbers of the paper's Fig. 4; `octile`.
+        metric: `euclidean`: exact (Felzenszwalb and Huttenlocher 2012; OpenCV's transform depends in its last bit on where in
+            memory the cells lie, and equal seeds would give different runs); `jarvis`: in steps to eight neighbours, the natural
+            numbers of the paper's Fig. 4; `octile`.
 
     Returns:
         (rows, cols) [cells]; 0 where blocked, inf where nothing is.
@@ -122,7 +123,7 @@ def obstacle_transform(blocked: ArrayLike, metric: Metric = "euclidean") -> Arra
     if not mask.any():
         return np.full(mask.shape, math.inf)
     if metric == "euclidean":
-        return cv2.distanceTransform((~mask).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE).astype(float)
+        return exact_distance(mask)
     if metric not in METRICS:
         raise ValueError(f"metric {metric!r} is none of {', '.join(METRICS)}")
     cells = np.argwhere(mask)

@@ -79,6 +79,18 @@ def test_obstacle_transform_is_exact(seed: int) -> None:
     np.testing.assert_allclose(obstacle_transform(blocked, "octile"), octile, atol=1e-9)
 
 
+def test_the_same_cells_elsewhere_in_memory_are_as_far_from_obstacles() -> None:
+    """Property: bit for bit, wherever the mask begins; libraries that process whole words at once may round otherwise."""
+    blocked = ~np.pad(np.ones((70, 55), dtype=bool), ((20, 35), (31, 39)))
+    buffers = np.empty((64, blocked.size + 64), dtype=bool)
+    found = []
+    for k, buffer in enumerate(buffers):
+        place = buffer[k : k + blocked.size].reshape(blocked.shape)
+        place[:] = blocked
+        found.append(obstacle_transform(place).tobytes())
+    assert len(set(found)) == 1
+
+
 def test_no_obstacle_is_infinitely_far() -> None:
     assert np.all(obstacle_transform(np.zeros((3, 4), dtype=bool)) == math.inf)
 
