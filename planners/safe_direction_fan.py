@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from robocar.core import Array
 
@@ -34,7 +33,7 @@ class Fan:
 
     def nearest(self, heading: float) -> int:
         """Index of the direction nearest to a heading [rad]."""
-        return int(np.argmin(np.abs(_turned(self.headings, heading))))
+        return _nearest(self.headings, heading)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,23 +90,7 @@ def safe_direction(found: Fan, shortest: float, width: float, barrier: float) ->
     a sensor that looks all round. It is also looked for on this side of what stands nearer than `barrier` [m]: the middle between
     two ways past a post leads into the post.
     """
-    start = found.nearest(shortest)
-    n = len(found.headings)
-    # Plain lists: a loop over a numpy array's elements takes most of a millisecond.
-    away, lengths, totals = np.abs(_turned(found.headings, shortest)).tolist(), found.lengths.tolist(), found.totals.tolist()
-    needed = min(barrier, lengths[start])
-    best = start
-    for sense in (1, -1):
-        for k in range(1, n):
-            i = start + sense * k
-            if not found.closed and not 0 <= i < n:
-                break
-            i %= n
-            if away[i] > 0.5 * width + _TIE or lengths[i] < needed - _TIE:
-                break
-            if totals[i] > totals[best] * (1.0 + _TIE):
-                best = i
-    return best
+    return _safest(found.headings, found.lengths, found.totals, found.closed, shortest, width, barrier)
 
 
 def choose(
@@ -160,12 +143,42 @@ def shortest_direction(distance: Array, x: float, y: float, goal: tuple[float, f
     return None if k < 0 else math.remainder(k * math.tau / _RAYS, math.tau)
 
 
-def _turned(heading: float | Array, other: float) -> NDArray[np.float64]:
-    """From `other` to `heading`, in [-pi, pi] [rad]."""
-    return np.remainder(np.asarray(heading) - other + math.pi, math.tau) - math.pi
-
-
 _RAYS = 360
+
+
+@njit(cache=True)
+def _turned(heading: float, other: float) -> float:
+    """From `other` to `heading`, in [-pi, pi) [rad]."""
+    return (heading - other + math.pi) % math.tau - math.pi
+
+
+@njit(cache=True)
+def _nearest(headings: Array, heading: float) -> int:
+    """Index of the first of the headings that are nearest to one."""
+    best, least = 0, math.inf
+    for k in range(len(headings)):
+        away = abs(_turned(headings[k], heading))
+        if away < least:
+            best, least = k, away
+    return best
+
+
+@njit(cache=True)
+def _safest(headings: Array, lengths: Array, totals: Array, closed: bool, shortest: float, width: float, barrier: float) -> int:
+    start, n = _nearest(headings, shortest), len(headings)
+    needed = min(barrier, lengths[start])
+    best = start
+    for sense in (1, -1):
+        for k in range(1, n):
+            i = start + sense * k
+            if not closed and not 0 <= i < n:
+                break
+            i %= n
+            if abs(_turned(headings[i], shortest)) > 0.5 * width + _TIE or lengths[i] < needed - _TIE:
+                break
+            if totals[i] > totals[best] * (1.0 + _TIE):
+                best = i
+    return best
 
 
 @njit(cache=True)

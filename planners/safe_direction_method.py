@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from planners.safe_direction_fan import Choice, Fan, choose, directions, fan, shortest_direction
 from planners.safe_direction_view import Panorama, Readings, Sector, mark, window
-from planners.transforms import METRICS, descend, goal_seeds, obstacle_transform, spread
+from planners.transforms import METRICS, descend, goal_seeds, grown, nearest_blocked, obstacle_transform, spread
 from robocar.core import SE2, Array, Robot
 
 DOUBT, DOUBT_SHARE = 0.1, 0.02  # [m, 1] by which a way may seem shorter than an earlier bound: errors of cells and readings
@@ -151,8 +151,9 @@ class Directions:
         p, r = self.parameters, self.parameters.resolution
         row, col = int(seen.y), int(seen.x)
         # Distances between centres, less half a cell: to the obstacle's edge.
-        room = obstacle_transform(~seen.free) - 0.5
-        obstacles = obstacle_transform(seen.occupied) - 0.5
+        room = obstacle_transform(~seen.free)
+        room -= 0.5
+        beside = nearest_blocked(seen.occupied, (row, col)) - 0.5
         headings = directions(heading, self.sector.width, p.number_of_directions)
         gx, gy = (v / r for v in seen.grid.origin.inverse_apply(*goal))
         clearance, distance, found, choice = room, room, None, None
@@ -161,7 +162,7 @@ class Directions:
             slim = max(0.0, min(growth, float(room[row, col]) - 0.5))
             clearance = room - slim
             # Shortest ways touch what they go round; the fan's first steps there must be free.
-            blocked = obstacles < max(0.0, min(growth + 0.5, float(obstacles[row, col]) - 0.5))
+            blocked = grown(seen.occupied, 0.5 + max(0.0, min(growth + 0.5, beside - 0.5)))
             distance = self._distance(blocked, (gx, gy), (row, col))
             if slim == growth == self._growths[0]:
                 distance = self._consistent(distance, blocked, seen, (gx, gy), bound / r)

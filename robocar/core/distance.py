@@ -39,24 +39,22 @@ def _squared_transform(blocked: Blocked) -> Array:
     """Squared distance in cells of every cell to the nearest blocked one (centre to centre), inf where there is none."""
     rows, cols = blocked.shape
     squared = np.empty((rows, cols))
-    for col in range(cols):  # First pass along the columns: two sweeps suffice, as the input is binary.
-        steps = math.inf
-        for row in range(rows):
-            steps = 0.0 if blocked[row, col] else steps + 1.0
-            squared[row, col] = steps
-        for row in range(rows - 1, -1, -1):
-            steps = min(squared[row, col], steps + 1.0)
-            squared[row, col] = steps
-    for row in range(rows):
+    # First pass along the columns: two sweeps suffice, as the input is binary. Row by row, as the cells lie in memory.
+    for col in range(cols):
+        squared[0, col] = 0.0 if blocked[0, col] else math.inf
+    for row in range(1, rows):
         for col in range(cols):
-            squared[row, col] *= squared[row, col]
+            squared[row, col] = 0.0 if blocked[row, col] else squared[row - 1, col] + 1.0
+    for row in range(rows - 2, -1, -1):
+        for col in range(cols):
+            squared[row, col] = min(squared[row, col], squared[row + 1, col] + 1.0)
     vertex = np.empty(cols, dtype=np.int64)  # columns of the parabolas of the lower envelope
     border = np.empty(cols + 1)  # where one parabola hands over to the next
     height = np.empty(cols)
     for row in range(rows):  # Second pass along the rows: lower envelope of the parabolas (q - p)^2 + f(p).
         count = 0
         for col in range(cols):
-            f = squared[row, col]
+            f = squared[row, col] * squared[row, col]
             height[col] = f
             if f == math.inf:
                 continue
@@ -93,7 +91,10 @@ def distance_transform(blocked: ArrayLike, resolution: float = 1.0) -> Array:
     Returns:
         (rows, cols) [m]; 0 on blocked cells, inf where nothing is blocked.
     """
-    return np.sqrt(_squared_transform(_mask(blocked))) * resolution
+    distance = _squared_transform(_mask(blocked))
+    np.sqrt(distance, out=distance)
+    distance *= resolution
+    return distance
 
 
 def lattice_distance(blocked: ArrayLike, subdivision: int) -> Array:

@@ -13,7 +13,7 @@ from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from planners.transforms import descend, distance_transform, obstacle_transform, path_transform
+from planners.transforms import descend, distance_transform, grown, nearest_blocked, obstacle_transform, path_transform
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -77,6 +77,17 @@ def test_obstacle_transform_is_exact(seed: int) -> None:
     steps = np.abs(np.indices(blocked.shape)[:, :, :, None] - np.argwhere(blocked).T[:, None, None, :])  # (2, rows, cols, n)
     octile = (steps.max(axis=0) + (math.sqrt(2.0) - 1.0) * steps.min(axis=0)).min(axis=-1)
     np.testing.assert_allclose(obstacle_transform(blocked, "octile"), octile, atol=1e-9)
+
+
+@given(SEEDS, st.one_of(st.floats(0.0, 20.0), st.sampled_from([0.0, 1.0, math.sqrt(2.0), 2.0, math.sqrt(5.0), 5.0])))
+@settings(max_examples=100, deadline=None)
+def test_growing_is_a_threshold_of_the_distance(seed: int, radius: float) -> None:
+    """Oracle: scipy's Euclidean transform, bit for bit, also for radii that are distances of cells; and one value of it."""
+    blocked = world(seed, 0.05)
+    away = ndimage.distance_transform_edt(~blocked) if blocked.any() else np.full(blocked.shape, math.inf)
+    np.testing.assert_array_equal(grown(blocked, radius), np.asarray(away) < radius)
+    cell = tuple(int(i) for i in np.random.default_rng(seed).integers(blocked.shape))
+    assert nearest_blocked(blocked, cell) == np.asarray(away)[cell]
 
 
 def test_the_same_cells_elsewhere_in_memory_are_as_far_from_obstacles() -> None:
@@ -181,3 +192,6 @@ def test_bad_input_is_refused() -> None:
         path_transform(free, (0, 0), -1.0, 1.0)
     with pytest.raises(ValueError, match="safe_distance"):
         path_transform(free, (0, 0), 1.0, 0.0)
+    for radius in (-1.0, math.nan, math.inf):
+        with pytest.raises(ValueError, match="finite radius"):
+            grown(free, radius)
