@@ -20,31 +20,43 @@ import matplotlib.pyplot as plt
 import numpy as np
 import yaml
 from matplotlib.patches import Circle
+from scipy.stats import spearmanr
 
 from robocar.experiment import Report, run_many
-from robocar.formats import load_barn_cylinders, load_barn_index, save_barn_world
+from robocar.formats import load_barn_cylinders, load_barn_index, load_barn_paths, save_barn_world
 from robocar.formats.barn import GOAL, START, BarnReference, BarnWorld
+from robocar.formats.barn_difficulty import Difficulty, difficulty
 from robocar.formats.barn_generator import PARAMETER_SETS, generate_barn_world
 from robocar.registry import names
 from robocar.run import RunResult
 
 NAVIGATORS = (
     "a-star", "theta-star", "d-star-lite", "rrt-dwa", "a-star-dwa", "theta-star-dwa", "a-star-mppi", "safe-direction",
-    "safe-direction-memory", "ocpb", "tangent-bug",
+    "safe-direction-memory", "ocpb", "tangent-bug", "harmonic", "path-transform",
 )  # fmt: skip
 TIME_LIMIT, SUCCESS_RADIUS = 100.0, 1.0  # [s], [m] of the challenge
 CHALLENGE_DWA = {"success": 0.88, "score": 0.169}
 """The challenge's own DWA example, with a Jackal."""
-COLORS = plt.get_cmap("tab10")
+COLORS = plt.get_cmap("tab20")
+METRICS = {
+    "closest_obstacle": "closest obstacle [m]",
+    "visibility": "visibility [m]",
+    "dispersion": "dispersion",
+    "characteristic_dimension": "characteristic dimension [m]",
+    "tortuosity": "tortuosity",
+}
+"""The benchmark's difficulty metrics (`robocar.formats.barn_difficulty`), and how the tables name them."""
+ENOUGH = 5  # worlds for a correlation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Course:
-    """A world of the benchmark, its reference numbers, and the scenario file of its task."""
+    """A world of the benchmark, its reference numbers, how difficult it is, and the scenario file of its task."""
 
     name: str
     world: BarnWorld
     reference: BarnReference
+    difficulty: Difficulty
     scenario: Path
 
 
@@ -60,19 +72,20 @@ def courses(folder: Path, quick: bool) -> tuple[list[Course], str]:
     default = Path(__file__).resolve().parents[2] / "shared" / "data"
     data = Path(os.environ.get("ROBOCAR_DATA") or default) / "barn"
     step = 10 if quick else 1
-    if (data / "barn_cylinders_test50.npz").is_file() and (data / "index.csv").is_file():
-        worlds = load_barn_cylinders(data / "barn_cylinders_test50.npz")
-        index = load_barn_index(data / "index.csv")
-        chosen = [(f"barn-{k}", worlds[k], index[k]) for k in sorted(worlds)[::step]]
+    files = [data / name for name in ("barn_cylinders_test50.npz", "barn_paths_test50.npz", "index.csv")]
+    if all(file.is_file() for file in files):
+        worlds, paths, index = load_barn_cylinders(files[0]), load_barn_paths(files[1]), load_barn_index(files[2])
+        chosen = [(f"barn-{k}", worlds[k], index[k], paths[k]) for k in sorted(worlds)[::step]]
         origin = "the challenge's 50 test worlds" if not quick else "every tenth of the challenge's 50 test worlds"
     else:
         chosen = []
         for k in range(0, 50, step):
             made = generate_barn_world(np.random.default_rng([2020, k]), *PARAMETER_SETS[k % len(PARAMETER_SETS)])
-            chosen.append((f"generated-{k}", made.world, made.reference))
+            chosen.append((f"generated-{k}", made.world, made.reference, made.path))
         origin = "generated worlds of the same family: the challenge's own are not in ROBOCAR_DATA"
     folder.mkdir(parents=True, exist_ok=True)
-    return [Course(name, world, ref, write_course(folder, name, world)) for name, world, ref in chosen], origin
+    made = [(name, world, ref, difficulty(world, path)) for name, world, ref, path in chosen]
+    return [Course(*parts, write_course(folder, parts[0], parts[1])) for parts in made], origin
 
 
 def write_course(folder: Path, name: str, world: BarnWorld) -> Path:
@@ -112,6 +125,7 @@ def main(out: Path, quick: bool = False) -> None:
         "score more than 0.4 / 2 = 0.2. Laser: 205 degrees, 5.6 m. The pose is known."
     )
     _overall(report, fields, results)
+    _what_is_difficult(report, fields, results)
     _each(report, fields, results)
     report.write()
     _picture(out / "worlds.png", fields, results)
@@ -145,6 +159,34 @@ def _overall(report: Report, fields: Sequence[Course], results: Mapping[str, lis
     report.say("The challenge's own DWA example, with a Jackal: success 0.88, score 0.169. `other`: stuck, no path, an error.")
 
 
+def _what_is_difficult(report: Report, fields: Sequence[Course], results: Mapping[str, list[RunResult]]) -> None:
+    """Spearman's rank correlation of each difficulty metric with the time, over the worlds where a navigator arrived."""
+    rows = []
+    for navigator, runs in results.items():
+        reached = [i for i, run in enumerate(runs) if run.success]
+        cells: list[str | None] = []
+        for metric in METRICS:
+            values = [getattr(fields[i].difficulty, metric) for i in reached]
+            rho = correlation(values, [float(runs[i].value("duration") or 0.0) for i in reached])
+            report.number(f"{navigator}/correlation/{metric}", rho, "1")
+            cells.append(None if rho is None else f"{rho:+.2f}")
+        rows.append((navigator, len(reached), *cells))
+    report.table(
+        ("navigator", "worlds", *METRICS.values()),
+        rows,
+        "Difficulty: Spearman's rank correlation of the benchmark's metrics with the time, over the worlds where the navigator"
+        " arrived. Closest obstacle, visibility and characteristic dimension are large where it is easy, the others where it is"
+        " hard.",
+    )
+
+
+def correlation(a: Sequence[float], b: Sequence[float]) -> float | None:
+    """Spearman's rank correlation; None for fewer than `ENOUGH` pairs, or where one of the two never changes."""
+    if len(a) < ENOUGH or len(set(a)) < 2 or len(set(b)) < 2:
+        return None
+    return float(spearmanr(a, b).statistic)  # type: ignore[attr-defined]
+
+
 def _each(report: Report, fields: Sequence[Course], results: Mapping[str, list[RunResult]]) -> None:
     """A row per world, the narrowest first."""
     order = sorted(range(len(fields)), key=lambda i: fields[i].reference.clearance)
@@ -152,8 +194,9 @@ def _each(report: Report, fields: Sequence[Course], results: Mapping[str, list[R
     for i in order:
         ref = fields[i].reference
         cells = [f"{runs[i].value('duration'):.1f}" if runs[i].success else runs[i].status for runs in results.values()]
-        rows.append((fields[i].name, ref.cylinders, f"{ref.clearance:.2f}", f"{ref.path_length:.1f}", *cells))
-    header = ("world", "cylinders", "clearance [m]", "reference [m]", *results)
+        hard = [f"{getattr(fields[i].difficulty, metric):.2f}" for metric in METRICS]
+        rows.append((fields[i].name, ref.cylinders, f"{ref.clearance:.2f}", f"{ref.path_length:.1f}", *hard, *cells))
+    header = ("world", "cylinders", "clearance [m]", "reference [m]", *METRICS.values(), *results)
     report.table(header, rows, "Time [s], or how it ended. Clearance: the largest that some way keeps all along.")
 
 
@@ -177,9 +220,9 @@ def _picture(path: Path, fields: Sequence[Course], results: Mapping[str, list[Ru
             axis.add_patch(Circle((centre_x, centre_y), r, color="0.35", lw=0))
         for k, (navigator, runs) in enumerate(results.items()):
             way = runs[i].truth.poses
-            axis.plot(*way[:, :2].T, lw=0.7, color=COLORS(k % 10), label=navigator)
+            axis.plot(*way[:, :2].T, lw=0.7, color=COLORS(k % 20), label=navigator)
             if not runs[i].success:
-                axis.plot(*way[-1, :2], "x", ms=5, color=COLORS(k % 10))
+                axis.plot(*way[-1, :2], "x", ms=5, color=COLORS(k % 20))
         axis.plot(*GOAL, "*", color="tab:red", ms=4)
     handles, labels = axes.flat[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=6, fontsize=7)

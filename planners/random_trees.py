@@ -142,15 +142,11 @@ def _extend(
 @njit(cache=True)
 def _way(nodes: Array, parents: NDArray, last: int) -> Array:
     """Nodes from the root to `last`, (k, 2)."""
-    n, i = 0, last
-    while i >= 0 and n <= len(parents):
+    path, n, i = np.empty((len(parents), 2)), 0, last
+    while i >= 0 and n < len(path):
+        path[n] = nodes[i]
         n, i = n + 1, parents[i]
-    path = np.empty((n, 2))
-    i = last
-    for k in range(n - 1, -1, -1):
-        path[k] = nodes[i]
-        i = parents[i]
-    return path
+    return path[:n][::-1].copy()
 
 
 @njit(cache=True)
@@ -159,14 +155,10 @@ def grow(
     adaptive: bool, rng: np.random.Generator,
 ) -> Growth:  # fmt: skip
     """RRT (LaValle 1998; Table 1 of Izaty and Lubis): until a node within `tolerance` of the goal has a free way to it."""
-    bounds = obstacles.bounds
-    nodes, parents, costs = (
-        np.empty((max_samples + 2, 2)),
-        np.full(max_samples + 2, -1, dtype=np.int64),
-        np.zeros(max_samples + 2),
-    )
+    bounds, size = obstacles.bounds, max_samples + 2
+    nodes, costs = np.empty((size, 2)), np.zeros(size)
+    parents, following = np.full(size, -1, dtype=np.int64), np.full(size, -1, dtype=np.int64)
     frame, heads = _buckets(bounds, step)
-    following = np.full(max_samples + 2, -1, dtype=np.int64)
     nodes[0] = start
     row, col = _bucket_of(frame, heads, start[0], start[1])
     heads[row, col] = 0
@@ -207,8 +199,7 @@ def connect(
     obstacles: Obstacles, start: Array, goal: Array, step: float, max_samples: int, adaptive: bool, rng: np.random.Generator
 ) -> Growth:
     """RRT-Connect (Kuffner and LaValle 2000): trees from both ends; each new node is connected to greedily by the other tree."""
-    bounds = obstacles.bounds
-    size = 1024
+    bounds, size = obstacles.bounds, 1024
     nodes, parents, costs = np.empty((2, size, 2)), np.full((2, size), -1, dtype=np.int64), np.zeros((2, size))
     following = np.full((2, size), -1, dtype=np.int64)
     frame, empty = _buckets(bounds, step)
@@ -281,19 +272,13 @@ def grow_star(
     Args:
         area: of the free space, for the radius of the neighbourhood (Theorem 38, d = 2): gamma sqrt(log n / n), at most `step`.
     """
-    bounds = obstacles.bounds
+    bounds, size = obstacles.bounds, max_samples + 1
     gamma = 1.1 * 2.0 * math.sqrt(1.5 * area / math.pi)
-    nodes, parents, costs = (
-        np.empty((max_samples + 1, 2)),
-        np.full(max_samples + 1, -1, dtype=np.int64),
-        np.zeros(max_samples + 1),
-    )
-    edges = np.zeros(max_samples + 1)  # costs of the edges to the parents
+    nodes, costs, edges = np.empty((size, 2)), np.zeros(size), np.zeros(size)  # edges: costs of those to the parents
+    parents, following = np.full(size, -1, dtype=np.int64), np.full(size, -1, dtype=np.int64)
+    child, sibling = np.full(size, -1, dtype=np.int64), np.full(size, -1, dtype=np.int64)
     frame, heads = _buckets(bounds, step)
-    following = np.full(max_samples + 1, -1, dtype=np.int64)
-    child, sibling = np.full(max_samples + 1, -1, dtype=np.int64), np.full(max_samples + 1, -1, dtype=np.int64)
-    around, ways = np.empty(64, dtype=np.int64), np.empty(64)
-    stack = np.empty(64, dtype=np.int64)
+    around, ways, stack = np.empty(64, dtype=np.int64), np.empty(64), np.empty(64, dtype=np.int64)
     nodes[0] = start
     row, col = _bucket_of(frame, heads, start[0], start[1])
     heads[row, col] = 0

@@ -31,7 +31,9 @@ START = SE2(-2.25, 3.0, 1.57)
 GOAL = (-2.25, 13.0)
 """The challenge's task [m, rad]; the goal lies beyond the grid, where everything is free."""
 
-_FIELD_CORNER = (-4.425, 5.175)  # centre of cell (0, 0) of the reference paths' own grid [m]
+FIELD_CORNER = (-4.425, 5.175)
+"""Centre of cell (0, 0) of the field, the reference paths' own grid: rows run along x, columns along y [m]."""
+
 _HARMLESS_MODELS = ("ground_plane", "sun")
 
 
@@ -224,7 +226,7 @@ def load_barn_paths(path: PathLike) -> dict[int, Array]:
     for number, cells in _numbered(path, "path").items():
         if cells.ndim != 2 or cells.shape[1] != 2 or not len(cells):
             raise MapFormatError(f"{path}: path_{number} must hold cells (n, 2), not shape {cells.shape}")
-        paths[number] = frozen_array(cells * CELL_SIZE + np.array(_FIELD_CORNER))
+        paths[number] = frozen_array(cells * CELL_SIZE + np.array(FIELD_CORNER))
     return paths
 
 
