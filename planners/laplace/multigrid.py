@@ -97,7 +97,7 @@ class Multigrid:
                 multiply(w, self._correction(k + 1, coarse), level.parent)
                 sweep(level, w, e_goal, 2)
         spread(field_, self.parent, w)
-        smooth(field_, self.problem.inverse_degree, 3)
+        smooth(field_, self.problem.inverse_degree, 2)
         return field_
 
     def improve(self, w: Array, tolerance: float, max_cycles: int) -> Cycles:
@@ -109,6 +109,7 @@ class Multigrid:
         change = np.inf
         first = self.levels[0]
         inverse_degree = self.problem.inverse_degree
+        smooth(w, inverse_degree, 1)  # residuals are gathered after sweeps only
         for _ in range(max_cycles):
             if change > SETTLED:
                 if smallest(w, inverse_degree) <= SMALLEST:

@@ -1,6 +1,7 @@
 """Gauss-Seidel sweeps, residuals and transfers of the multigrid solver, on nodes and on cells.
 
-Red-black order: an update reads the other colour only, so threads change no result.
+Red-black order: an update reads the other colour only, so threads change no result. Indices in the kernels that matter are
+unsigned: compiled code then does without the check for negative ones, which costs more than the arithmetic.
 """
 
 from __future__ import annotations
@@ -34,13 +35,30 @@ def restrict(fine: Level, coarse: Level, residual: Array) -> Array:
     return kernel(coarse.first_child, coarse.children, fine.share, residual)
 
 
+@njit(cache=True, inline="always")
+def _inflow(begin, end, indices, probability, e):
+    """Sum of probability * e over the links begin:end of a node, mostly four."""
+    if end == begin + np.uint32(4):
+        return (
+            probability[begin] * e[np.uint32(indices[begin])]
+            + probability[begin + np.uint32(1)] * e[np.uint32(indices[begin + np.uint32(1)])]
+        ) + (
+            probability[begin + np.uint32(2)] * e[np.uint32(indices[begin + np.uint32(2)])]
+            + probability[begin + np.uint32(3)] * e[np.uint32(indices[begin + np.uint32(3)])]
+        )
+    total = 0.0
+    for a in range(begin, end):
+        total += probability[a] * e[np.uint32(indices[a])]
+    return total
+
+
 @njit(cache=True)
 def _update(begin, end, indptr, indices, probability, e, right):
+    a = np.uint32(indptr[begin])
     for i in range(begin, end):
-        total = right[i]
-        for a in range(indptr[i], indptr[i + 1]):
-            total += probability[a] * e[indices[a]]
-        e[i] = total
+        stop = np.uint32(indptr[i + 1])
+        e[i] = right[i] + _inflow(a, stop, indices, probability, e)
+        a = stop
 
 
 @njit(cache=True)
@@ -63,11 +81,11 @@ def _sweep_parallel(n_red, indptr, indices, probability, e, right, sweeps):
 
 @njit(cache=True)
 def _residual_range(begin, end, indptr, indices, probability, e, right, out):
+    a = np.uint32(indptr[begin])
     for i in range(begin, end):
-        total = right[i] - e[i]
-        for a in range(indptr[i], indptr[i + 1]):
-            total += probability[a] * e[indices[a]]
-        out[i] = total
+        stop = np.uint32(indptr[i + 1])
+        out[i] = right[i] - e[i] + _inflow(a, stop, indices, probability, e)
+        a = stop
 
 
 @njit(cache=True)
@@ -89,8 +107,9 @@ def _residual_parallel(n_red, indptr, indices, probability, e, right):
 def _restrict_range(begin, end, first_child, children, share, residual, out):
     for node in range(begin, end):
         total = 0.0
-        for k in range(first_child[node], first_child[node + 1]):
-            total += share[children[k]] * residual[children[k]]
+        for k in range(np.uint32(first_child[node]), np.uint32(first_child[node + 1])):
+            child = np.uint32(children[k])
+            total += share[child] * residual[child]
         out[node] = total
 
 
@@ -126,10 +145,8 @@ def relative_residual(level: Level, w: Array) -> Array:
 def _relative_residual(indptr, indices, probability, goal, w):
     out = np.empty(len(w))
     for i in range(len(w)):
-        total = goal[i]
-        for a in range(indptr[i], indptr[i + 1]):
-            total += probability[a] * w[indices[a]]
-        out[i] = total / w[i] - 1.0
+        inflow = _inflow(np.uint32(indptr[i]), np.uint32(indptr[i + 1]), indices, probability, w)
+        out[i] = (goal[i] + inflow) / w[i] - 1.0
     return out
 
 
@@ -169,7 +186,7 @@ def smooth(w: Array, inverse_degree: Array, sweeps: int) -> None:
 
 
 def gather_residual(w: Array, inverse_degree: Array, parent: NDArray, share: NDArray, blocks: NDArray) -> tuple[Array, float]:
-    """Relative residuals gathered on level 1, (n,), and the largest of any cell (inf where w is not positive)."""
+    """Relative residuals after a sweep, gathered on level 1, (n,), and the largest of any cell (inf where w is not positive)."""
     kernel = _gather_parallel if len(blocks) > PARALLEL_SIZE else _gather_serial
     right, worst = kernel(w, inverse_degree, parent, share, blocks)
     return right, float(worst.max())
@@ -217,19 +234,22 @@ def _smooth_parallel(w, inverse_degree, sweeps):
 
 @njit(cache=True)
 def _gather_range(begin, end, w, inverse_degree, parent, share, blocks, out):
+    """Red cells only: black ones are swept last and have no residual."""
+    cols = np.uint64(w.shape[1])
+    one = np.uint64(1)
+    values, degrees, parents, shares = w.ravel(), inverse_degree.ravel(), parent.ravel(), share.ravel()
     worst = 0.0
     for node in range(begin, end):
-        r0, c0 = 2 * blocks[node, 0] + 1, 2 * blocks[node, 1] + 1
+        corner = (np.uint64(2 * blocks[node, 0] + 1)) * cols + np.uint64(2 * blocks[node, 1] + 1)
         total = 0.0
-        for k in range(4):
-            r, c = r0 + k // 2, c0 + k % 2
-            if parent[r, c] == node:
-                if not (w[r, c] > 0.0 and w[r, c] < np.inf):
+        for i in (corner, corner + cols + one):
+            if parents[i] == node:
+                if not (values[i] > 0.0 and values[i] < np.inf):
                     worst = np.inf
                     continue
-                mean = inverse_degree[r, c] * (w[r - 1, c] + w[r + 1, c] + w[r, c - 1] + w[r, c + 1])
-                relative = (mean - w[r, c]) / w[r, c]
-                total += share[r, c] * relative
+                mean = degrees[i] * (values[i - cols] + values[i + cols] + values[i - one] + values[i + one])
+                relative = (mean - values[i]) / values[i]
+                total += shares[i] * relative
                 worst = max(worst, abs(relative))
         out[node] = total
     return worst

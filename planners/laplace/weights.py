@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from planners.laplace.levels import Level, outside
+from planners.laplace.levels import Level
 from robocar.core import Array
 
 PARALLEL_SIZE = 300_000
@@ -45,65 +45,74 @@ def _weigh_first(
     conditioned,
     loss_scale,
 ):
+    cols, one = np.int64(w.shape[1]), np.uint64(1)
+    field, degrees, parents, shares = w.ravel(), inverse_degree.ravel(), parent.ravel(), share.ravel()
+    # the k-th of eight pairs: a cell of the block, left, right, top and bottom, and its neighbour outside
+    inner = (0, cols, 1, cols + 1, 0, 1, cols, cols + 1)
+    outer = (-1, cols - 1, 2, cols + 2, -cols, 1 - cols, 2 * cols, 2 * cols + 1)
     for node in range(begin_node, end_node):
-        r, c = 2 * blocks[node, 0] + 1, 2 * blocks[node, 1] + 1
-        scale = 0.0
-        for k in range(4):
-            r1, c1 = r + k // 2, c + k % 2
-            if parent[r1, c1] == node:
-                scale = max(scale, w[r1, c1] if conditioned else 1.0)
-        begin, end = indptr[node], indptr[node + 1]
+        corner = (2 * blocks[node, 0] + 1) * cols + 2 * blocks[node, 1] + 1
+        scale = 0.0 if conditioned else 1.0
+        if conditioned:
+            for offset in (0, 1, cols, cols + 1):
+                i = np.uint64(corner + offset)
+                if parents[i] == node:
+                    scale = max(scale, field[i])
+        inverse = 1.0 / scale
+        begin, end = np.uint64(indptr[node]), np.uint64(indptr[node + 1])
         for a in range(begin, end):
             probability[a] = 0.0
         to_goal = 0.0
         to_wall = 0.0
         total = 0.0
-        at = begin - 1
+        at = begin
         previous = np.int32(-1)
         for k in range(8):
-            r1, c1, r2, c2 = outside(k)
-            r1, c1, r2, c2 = r + r1, c + c1, r + r2, c + c2
-            if parent[r1, c1] == node:
-                other = parent[r2, c2]
-                mine = w[r1, c1] / scale if conditioned else 1.0
-                theirs = w[r2, c2] / scale if conditioned else 1.0
-                if other >= 0:
-                    if other != previous or k % 2 == 0:
-                        at += 1
-                    probability[at] += 0.5 * mine * theirs
-                    total += 0.5 * mine * theirs
-                previous = other
-            else:
+            i, j = np.uint64(corner + inner[k]), np.uint64(corner + outer[k])
+            if parents[i] != node:
                 previous = np.int32(-1)
-        for k in range(4):
-            r1, c1 = r + k // 2, c + k % 2
-            if parent[r1, c1] != node:
                 continue
-            degree = 1.0 / inverse_degree[r1, c1]
-            mine = w[r1, c1] / scale if conditioned else 1.0
-            free = 0
-            for m in range(4):
-                r2, c2 = r1 + (m == 0) - (m == 1), c1 + (m == 2) - (m == 3)
-                if parent[r2, c2] >= 0:
-                    free += 1
-                elif w[r2, c2] > 0:  # no unknown and yet not 0: the goal
-                    free += 1
-                    to_goal += mine * (w[r2, c2] / scale if conditioned else 1.0)
+            other = parents[j]
+            flow = (field[i] * inverse) * (field[j] * inverse) if conditioned else 1.0
+            if other >= 0:
+                if other == previous and k % 2 == 1:
+                    at -= one
+                probability[at] += 0.5 * flow
+                at += one
+                total += 0.5 * flow
+            elif field[j] > 0:  # no unknown and yet not 0: the goal
+                to_goal += flow
+            previous = other
+        for k in range(4):
+            i = np.uint64(corner + inner[k])
+            if parents[i] != node:
+                continue
+            mine = field[i] * inverse if conditioned else 1.0
+            degree = 1.0 / degrees[i]
+            shares[i] = degree * mine * mine
+            for offset in (1 if k < 2 else -1, cols if k % 2 == 0 else -cols):
+                j = np.uint64(corner + inner[k] + offset)
+                if parents[j] < 0 and field[j] > 0:  # the goal, in this very block
+                    to_goal += mine * (field[j] * inverse) if conditioned else 1.0
             if not conditioned:
+                free = 0
+                for offset in (-1, 1, -cols, cols):
+                    j = np.uint64(corner + inner[k] + offset)
+                    free += parents[j] >= 0 or field[j] > 0
                 to_wall += max(0.0, degree - free) * loss_scale
-            share[r1, c1] = degree * mine * mine
         total += to_goal + to_wall
         if total == 0.0:  # cannot be reached unless the walk got lost by underflow
             total = 1.0
+        share_of = 1.0 / total
         for a in range(begin, end):
-            probability[a] /= total
-        goal[node] = to_goal / total
-        loss[node] = to_wall / total
+            probability[a] *= share_of
+        goal[node] = to_goal * share_of
+        loss[node] = to_wall * share_of
         log_weight[node] = np.log2(total) + 2.0 * np.log2(scale)
         for k in range(4):
-            r1, c1 = r + k // 2, c + k % 2
-            if parent[r1, c1] == node:
-                share[r1, c1] /= total
+            i = np.uint64(corner + inner[k])
+            if parents[i] == node:
+                shares[i] *= share_of
 
 
 @njit(cache=True)
@@ -160,30 +169,37 @@ def _weigh(
 ):  # fmt: skip
     for node in range(begin_node, end_node):
         top = -np.inf
-        for k in range(first_child[node], first_child[node + 1]):
-            i = children[k]
-            top = max(top, log_weight[i] + 2.0 * np.log2(w[i]))
-        begin, end = coarse_indptr[node], coarse_indptr[node + 1]
+        largest = 0.0
+        first, stop = np.uint32(first_child[node]), np.uint32(first_child[node + 1])
+        for k in range(first, stop):
+            i = np.uint32(children[k])
+            top = max(top, log_weight[i])
+            largest = max(largest, w[i])
+        begin, end = np.uint32(coarse_indptr[node]), np.uint32(coarse_indptr[node + 1])
         for a in range(begin, end):
             coarse_probability[a] = 0.0
         total = 0.0
         to_goal = 0.0
         to_wall = 0.0
-        for k in range(first_child[node], first_child[node + 1]):
-            i = children[k]
-            weight = np.exp2(log_weight[i] + 2.0 * np.log2(w[i]) - top)
-            out = goal[i] / w[i]
-            to_goal += weight * goal[i] / w[i]
-            for a in range(indptr[i], indptr[i + 1]):
-                j = indices[a]
-                step = probability[a] * (w[j] / w[i])
+        for k in range(first, stop):
+            i = np.uint32(children[k])
+            relative = w[i] / largest
+            weight = np.exp2(log_weight[i] - top) * relative * relative
+            inverse = 1.0 / w[i]
+            out = goal[i] * inverse
+            to_goal += weight * out
+            for a in range(np.uint32(indptr[i]), np.uint32(indptr[i + np.uint32(1)])):
+                j = np.uint32(indices[a])
+                step = probability[a] * (w[j] * inverse)
                 out += step
-                if parent[j] == node:
+                other = parent[j]
+                if other == node:
                     continue
-                total += 0.5 * weight * step
+                step *= 0.5 * weight
+                total += step
                 for b in range(begin, end):
-                    if coarse_indices[b] == parent[j]:
-                        coarse_probability[b] += 0.5 * weight * step
+                    if coarse_indices[b] == other:
+                        coarse_probability[b] += step
                         break
             if not conditioned:
                 to_wall += weight * loss[i] * loss_scale
@@ -196,9 +212,9 @@ def _weigh(
             coarse_probability[a] /= total
         coarse_goal[node] = to_goal / total
         coarse_loss[node] = to_wall / total
-        coarse_log_weight[node] = top + np.log2(total)
-        for k in range(first_child[node], first_child[node + 1]):
-            share[children[k]] /= total
+        coarse_log_weight[node] = top + 2.0 * np.log2(largest) + np.log2(total)
+        for k in range(first, stop):
+            share[np.uint32(children[k])] /= total
 
 
 @njit(cache=True)
