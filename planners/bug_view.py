@@ -18,7 +18,7 @@ HIT = 0.12  # [m] a way that is free no farther has hit an obstacle; from ...
 LEAVE = 0.25  # [m] on it may be left again
 LOOP = 0.15  # [m] this near to where it began, a boundary has been followed all round, after ...
 LOOP_LENGTH = 0.8  # [m]
-_ROOM_TO_TURN = 0.01  # [m] around the body
+ROOM_TO_TURN = 0.01  # [m] around the body
 _SQUEEZE = 0.98  # what lies inside a disc already counts as touching it, and no more
 
 
@@ -110,13 +110,13 @@ class View:
         enough = min(length, self.goal_distance - 0.8 * self.goal.xy_goal_tolerance)
         return enough <= 0.0 or self.free_way(self.goal_heading, enough) >= enough
 
-    def reachable(self, point: Array) -> bool:
-        """Whether the outline can drive straight to `point` (2,) and turn there."""
+    def reachable(self, point: Array, slack: float = 0.0) -> bool:
+        """Whether the outline can drive straight to `point` (2,) and turn there; `slack`: with so much less room than usual [m]."""
         (x, y), (px, py) = self.centre, point
-        if room_at(self.hits, px, py) < self.circle.body + _ROOM_TO_TURN:
+        if room_at(self.hits, px, py) < self.circle.body + ROOM_TO_TURN - slack:
             return False
         length = math.hypot(px - x, py - y)
-        return free_way(self.hits, x, y, math.atan2(py - y, px - x), self.circle.driving, length) >= length
+        return free_way(self.hits, x, y, math.atan2(py - y, px - x), self.circle.driving - slack, length) >= length
 
     def open_points(self) -> list[OpenPoint]:
         """The sure ones of the last scan."""
@@ -177,6 +177,17 @@ def free_way(points: Array, x: float, y: float, heading: float, radius: float, l
             if r2 > lateral * lateral:
                 free = min(free, max(0.0, along - math.sqrt(r2 - lateral * lateral)))
     return free
+
+
+@njit(cache=True)
+def first_touched(points: Array, x: float, y: float, heading: float, radius: float, length: float) -> int:
+    """Which of the points (n, 2) the disc of `free_way` touches first; -1 where it meets none."""
+    free, first = length, -1
+    for i in range(len(points)):
+        way = free_way(points[i : i + 1], x, y, heading, radius, free)
+        if way < free:
+            free, first = way, i
+    return first
 
 
 @njit(cache=True)

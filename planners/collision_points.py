@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from planners.obstacle_tracking import Tracked
 from planners.open_points import Panorama
@@ -42,8 +43,29 @@ class Collision:
     end: Array
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Moving:
+    """Obstacles that move.
+
+    Args:
+        obstacles: as they are followed.
+        rows: x, y, vx, vy, radius and time of each, (n, 6) [m, m/s, s].
+    """
+
+    obstacles: list[Tracked]
+    rows: Array
+
+    @classmethod
+    def of(cls, obstacles: list[Tracked]) -> Moving:
+        rows = [(*o.position.tolist(), *o.velocity.tolist(), o.radius, o.time) for o in obstacles]
+        return cls(obstacles, np.array(rows).reshape(-1, 6))
+
+    def __len__(self) -> int:
+        return len(self.obstacles)
+
+
 def predict(
-    obstacles: list[Tracked],
+    moving: Moving,
     now: float,
     start: Array,
     heading: float,
@@ -62,29 +84,24 @@ def predict(
         radius: of the robot's circle, with what is to be kept free around it [m].
         horizon: how far ahead it looks [s].
     """
-    first: Collision | None = None
-    for obstacle in obstacles:
-        x, y = obstacle.at(now)
-        vx, vy = obstacle.velocity
-        reach = radius + obstacle.radius
-        begin, end = _overlap(
-            x - start[0], y - start[1], vx, vy, math.cos(heading), math.sin(heading), length, speed, delay, stay, reach, horizon
-        )
-        if math.isfinite(begin) and (first is None or begin < first.first):
-            gone = min(max(begin - delay, 0.0) * speed, length)
-            point = np.array([start[0] + gone * math.cos(heading), start[1] + gone * math.sin(heading)])
-            v = obstacle.speed
-            first = Collision(
-                obstacle,
-                frozen_array(point),
-                gone / speed,
-                math.hypot(x - point[0], y - point[1]) / v if v > 0 else 0.0,
-                begin,
-                end,
-                frozen_array([x + begin * vx, y + begin * vy]),
-                frozen_array([x + end * vx, y + end * vy]),
-            )
-    return first
+    x0, y0 = float(start[0]), float(start[1])
+    k, begin, end = _first(moving.rows, now, x0, y0, heading, length, speed, delay, stay, radius, horizon)
+    if k < 0:
+        return None
+    obstacle = moving.obstacles[k]
+    (x, y), (vx, vy), v = obstacle.at(now).tolist(), obstacle.velocity.tolist(), obstacle.speed
+    gone = min(max(begin - delay, 0.0) * speed, length)
+    px, py = x0 + gone * math.cos(heading), y0 + gone * math.sin(heading)
+    return Collision(
+        obstacle,
+        frozen_array([px, py]),
+        gone / speed,
+        math.hypot(x - px, y - py) / v if v > 0 else 0.0,
+        begin,
+        end,
+        frozen_array([x + begin * vx, y + begin * vy]),
+        frozen_array([x + end * vx, y + end * vy]),
+    )
 
 
 def crossing(start: Array, heading: float, obstacle: Array, velocity: Array) -> Array | None:
@@ -99,15 +116,14 @@ def crossing(start: Array, heading: float, obstacle: Array, velocity: Array) -> 
     return np.array([start[0] + gone * c, start[1] + gone * s]) if gone >= 0.0 and other >= 0.0 else None
 
 
-def standing_world(panorama: Panorama, moving: list[Tracked], margin: float) -> Panorama:
+def standing_world(panorama: Panorama, moving: Moving, margin: float) -> Panorama:
     """The panorama without the obstacles that move: beams that end within `margin` [m] of one are lost ones."""
-    if not moving:
+    if not len(moving):
         return panorama
     ranges = np.array(panorama.ranges)
-    for obstacle in moving:
-        where = obstacle.at(panorama.time)
-        _blank(ranges, panorama.bearings, where[0] - panorama.origin[0], where[1] - panorama.origin[1], obstacle.radius + margin)
-    return replace(panorama, ranges=frozen_array(ranges))
+    _blank(ranges, panorama.bearings, panorama.origin, moving.rows, panorama.time, margin)
+    ranges.flags.writeable = False
+    return replace(panorama, ranges=ranges)
 
 
 def with_virtual(panorama: Panorama, collisions: list[Collision], margin: float = 0.0) -> Panorama:
@@ -119,26 +135,55 @@ def with_virtual(panorama: Panorama, collisions: list[Collision], margin: float 
     return replace(panorama, ranges=frozen_array(ranges))
 
 
+def near_virtual(points: Array, collisions: list[Collision], margin: float) -> NDArray[np.bool_]:
+    """Which of the points (n, 2 or more columns: x, y) lie within `margin` [m] of a virtual obstacle, (n,)."""
+    near = np.zeros(len(points), dtype=np.bool_)
+    for c in collisions:
+        _mark_near(near, points, c.start, c.end, c.obstacle.radius + margin)
+    return near
+
+
 def warm_up() -> None:
     """Compiles what the control loop needs."""
     bearings = frozen_array(np.linspace(-math.pi, math.pi, 36, endpoint=False))
     panorama = Panorama(0.0, frozen_array(np.zeros(2)), bearings, frozen_array(np.full(36, 4.0)), 6.0, math.tau / 36)
-    ahead = Tracked(0, 0.0, np.array([2.0, 0.0]), 0.2, np.zeros((2, 2)), np.zeros(0, dtype=np.int64))
-    ahead.velocity = np.array([-0.1, 0.0])
-    collision = predict([ahead], 0.0, np.zeros(2), 0.0, 2.0, 0.3, 0.5, 1.0, 0.3, 9.0)
+    ahead = Moving.of([Tracked(0, 0.0, np.array([2.0, 0.0]), 0.2, np.zeros((2, 2)), velocity=np.array([-0.1, 0.0]))])
+    collision = predict(ahead, 0.0, np.zeros(2), 0.0, 2.0, 0.3, 0.5, 1.0, 0.3, 9.0)
     assert collision is not None
-    with_virtual(standing_world(panorama, [ahead], 0.1), [collision])
+    with_virtual(standing_world(panorama, ahead, 0.1), [collision])
+    near_virtual(np.zeros((1, 10)), [collision], 0.1)
 
 
 @njit(cache=True)
-def _blank(ranges: Array, bearings: Array, x: float, y: float, radius: float) -> None:
-    """Loses the beams that end within a circle, its centre relative to the sensor."""
+def _blank(ranges: Array, bearings: Array, origin: Array, rows: Array, time: float, margin: float) -> None:
+    """Loses the beams that end within `margin` of one of the obstacles (see `Moving`)."""
     for i in range(len(ranges)):
-        if (
-            ranges[i] < math.inf
-            and math.hypot(ranges[i] * math.cos(bearings[i]) - x, ranges[i] * math.sin(bearings[i]) - y) < radius
-        ):
-            ranges[i] = math.nan
+        if not ranges[i] < math.inf:
+            continue
+        x, y = origin[0] + ranges[i] * math.cos(bearings[i]), origin[1] + ranges[i] * math.sin(bearings[i])
+        for k in range(len(rows)):
+            age, reach = time - rows[k, 5], rows[k, 4] + margin
+            dx, dy = rows[k, 0] + age * rows[k, 2] - x, rows[k, 1] + age * rows[k, 3] - y
+            if dx * dx + dy * dy < reach * reach:
+                ranges[i] = math.nan
+                break
+
+
+@njit(cache=True)
+def _first(
+    rows: Array, now: float, x: float, y: float, heading: float, length: float, speed: float, delay: float, stay: float,
+    radius: float, horizon: float,
+) -> tuple[int, float, float]:  # fmt: skip
+    """Which of the obstacles (see `Moving`) is met first, from when to when; -1 if none is."""
+    first, begin, end = -1, math.inf, math.inf
+    c, s = math.cos(heading), math.sin(heading)
+    for k in range(len(rows)):
+        age, vx, vy = now - rows[k, 5], rows[k, 2], rows[k, 3]
+        dx, dy = rows[k, 0] + age * vx - x, rows[k, 1] + age * vy - y
+        b, e = _overlap(dx, dy, vx, vy, c, s, length, speed, delay, stay, radius + rows[k, 4], horizon)
+        if b < begin:
+            first, begin, end = k, b, e
+    return first, begin, end
 
 
 @njit(cache=True)
@@ -194,3 +239,14 @@ def _cast_capsule(ranges: Array, origin: Array, bearings: Array, a: Array, b: Ar
                 hit = along - math.sqrt(radius * radius - across * across)
                 if not ranges[i] <= hit:  # nan too
                     ranges[i] = hit
+
+
+@njit(cache=True)
+def _mark_near(near: NDArray[np.bool_], points: Array, a: Array, b: Array, reach: float) -> None:
+    """Marks the points within `reach` of the segment from a to b."""
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    length = max(dx * dx + dy * dy, 1e-12)
+    for k in range(len(points)):
+        px, py = points[k, 0] - a[0], points[k, 1] - a[1]
+        share = min(max((px * dx + py * dy) / length, 0.0), 1.0)
+        near[k] |= math.hypot(px - share * dx, py - share * dy) < reach

@@ -31,15 +31,16 @@ from enum import Enum
 
 import numpy as np
 
-from planners import collision_points, traverse
+from planners import collision_points, sub_goals
 from planners.bug import build_bug
 from planners.bug_view import ARRIVED, Move, Stand, To, View, narrow_gap
 from planners.bug_view import Parameters as BugParameters
-from planners.collision_points import Collision, predict, standing_world, with_virtual
+from planners.collision_points import Collision, Moving, near_virtual, predict, standing_world, with_virtual
 from planners.navigator import Reactive
 from planners.obstacle_tracking import Obstacles
-from planners.open_points import Lookout, OpenPoint, Panorama, find_open_points
-from planners.traverse import SAME, SubGoal, Traverse
+from planners.open_points import Lookout, OpenPoint, Panorama, open_point_rows, points_of
+from planners.sub_goals import SAME
+from planners.traverse import Traverse
 from robocar.core import Array, Arrows, Context, GiveUp, Lines, Points, Text, wrap_angle
 from robocar.core.trace import PLAN_COLOR, Drawable
 
@@ -47,7 +48,8 @@ _TURN_DELAY = 0.3  # [s] to brake, look up and start
 _EVADE = (0.3, 0.5, 0.8, 1.2)  # [m]
 _PAUSE = 4.0  # [s] that nothing comes to a critical point
 _STAY = 8.0  # [s] that nothing comes to where it has got out of the way
-_FLAGS = 2  # scans in a row that have to say that a way is blocked
+_FLAGS = 3  # scans in a row that have to say that a way is blocked
+_SLACK = 1.0 / 6.0  # of the safety constant, by which single scans, noisier than those of a decision, may find less room
 _TRIES = 4  # a way that was called free and turned out blocked this often is blocked
 
 
@@ -86,11 +88,12 @@ class LegKind(Enum):
 
 @dataclass(slots=True, eq=False)
 class Leg:
-    """A straight way: turn, then drive."""
+    """A straight way: turn, then drive; what it is for, its end (2,) [m], the number of the sub-goal that it leads to (-1: none),
+    and how many scans in a row have called it blocked."""
 
     kind: LegKind
     target: Array
-    subgoal: SubGoal | None = None
+    subgoal: int = -1
     flags: int = 0
 
 
@@ -106,19 +109,20 @@ class OperativeCriticalPointBug:
         self.obstacles = Obstacles(parameters.max_obstacle_width, parameters.tracking_distance)
         self._lookout = Lookout(bug.looks)
         collision_points.warm_up()
-        traverse.warm_up()
+        sub_goals.warm_up()
         self.reset()
 
     def reset(self) -> None:
         """A new episode."""
         self.obstacles.forget()
+        self._moving = Moving.of([])
         self._lookout.start()
         self.seen = Traverse()  # T, SG and D
-        self.open_points: list[OpenPoint] = []  # OP of the last decision
+        self._open_points = np.empty((0, 10))
         self.collisions: list[Collision] = []
         self.leg: Leg | None = None
         self._route: list[int] = []  # places on the way back, the next one last
-        self._wanted: SubGoal | None = None  # what it goes back for
+        self._wanted = -1  # the sub-goal that it goes back for
         self._surprises = 0  # goal ways that turned out blocked since the last progress
         self._closest = math.inf
         self.decisions = 0
@@ -130,6 +134,7 @@ class OperativeCriticalPointBug:
         """While not at the goal: detect obstacles; drive on, or look and decide."""
         if view.fresh:
             self.obstacles.update(view.panorama)
+            self._moving = Moving.of(self.obstacles.dynamic)
         self.seen.pass_by(view.centre)
         seen = self._standing(view, view.panorama)
         if self.leg is not None and self._goes_on(self.leg, seen):
@@ -152,13 +157,14 @@ class OperativeCriticalPointBug:
     def _decide(self, view: View) -> Move:
         """Lines 6 to 29 of MAIN."""
         self.seen.arrive(view.centre)
+        self.seen.surfaces.remember(view.hits)
         if view.goal_distance < self._closest - SAME:
             self._closest, self._surprises = view.goal_distance, 0
         self.collisions = []
         if self._goal_way_is_free(view) and self._is_safe(view, view.goal.position, LegKind.GOAL):
-            self._wanted, self._route = None, []
+            self._wanted, self._route = -1, []
             return self._go(Leg(LegKind.GOAL, view.goal.position))
-        critical = self._critical_point(view)
+        critical = self._goal_as_critical_point(view) or self._critical_point(view)
         if critical is not None:
             return self._go(critical)
         if self._threat(view) is not None:
@@ -169,7 +175,7 @@ class OperativeCriticalPointBug:
         back = self._back(view)
         if back is not None:
             return self._go(back)
-        if any(subgoal.open for subgoal in self.seen.subgoals) or self.obstacles.dynamic:
+        if self.seen.anything_open or len(self._moving):
             return Stand()
         return GiveUp("every sub-goal that is safe has been visited, and none led to the goal", "stuck")
 
@@ -182,57 +188,48 @@ class OperativeCriticalPointBug:
 
     def _critical_point(self, view: View) -> Leg | None:
         """The safe sub-goal in sight that is nearest to the goal and has not been visited (lines 7 to 18)."""
-        if self._wanted is not None:
+        if self._wanted >= 0:
             return self._towards_wanted(view)
         panorama = (
             with_virtual(view.panorama, self.collisions, self.parameters.collision_margin) if self.collisions else view.panorama
         )
         p = view.parameters
-        self.open_points = find_open_points(panorama, p.range_jump, p.range_std)
-        goal = view.goal.position.tolist()
-        candidates: list[tuple[float, Array, OpenPoint, SubGoal | None]] = []
-        for point in self.open_points:
-            known = None if self._is_virtual(point) else self.seen.subgoal_of(point, view.circle.radius, view.goal.position)
-            target = known.point if known is not None else point.subgoal(view.circle.radius)
-            left = math.hypot(goal[0] - target[0], goal[1] - target[1])
-            if known is None and left > view.goal_distance and self._threat(view) is None:
-                continue  # rather than go back round what moves it lets it pass
-            if known is None or known.open:
-                candidates.append((left, target, point, known))
-        critical = None
-        for _, target, point, known in sorted(candidates, key=lambda c: c[0]):
-            if self.seen.visited(target, point.sure):
-                if known is not None:
-                    known.open = False
-                continue
-            if not self._fits(view, target, 1.0 + p.gap_tolerance):
-                continue  # D takes what is safe from here; from elsewhere it may be
-            if known is not None:
-                self.seen.keep(known)
-            if critical is None and self._is_safe(view, target, LegKind.CRITICAL):
-                critical = Leg(LegKind.CRITICAL, target, known)
-        return critical
+        self._open_points = rows = open_point_rows(panorama, p.range_jump, p.range_std)
+        virtual = near_virtual(rows, self.collisions, self.parameters.collision_margin + 0.1)
+        threatened = bool(virtual.any()) and self._threat(view) is not None
+        for candidate in self.seen.candidates(view, rows, virtual, threatened, p.gap_tolerance):
+            if self._is_safe(view, candidate.way, LegKind.CRITICAL):
+                return Leg(LegKind.CRITICAL, candidate.way, candidate.subgoal)
+        return None
 
-    def _is_virtual(self, point: OpenPoint) -> bool:
-        """Whether an open point belongs to a virtual obstacle."""
-        return any(
-            _beside(point.position, c.start, c.end) < c.obstacle.radius + self.parameters.collision_margin + 0.1
-            for c in self.collisions
-        )
+    def _goal_as_critical_point(self, view: View) -> Leg | None:
+        """The goal as a sub-goal like others, nearer to itself than any: what keeps the virtual circle from it may let pass the
+        outline, or may be a corner to go round."""
+        way = self.seen.way_to(view, view.goal.position, view.parameters.gap_tolerance)
+        if way is None or self._surprises >= _TRIES or not self._is_safe(view, way, LegKind.CRITICAL):
+            return None
+        return Leg(LegKind.CRITICAL, way)
+
+    @property
+    def open_points(self) -> list[OpenPoint]:
+        """OP of the last decision."""
+        return points_of(self._open_points)
 
     # -- T and the way back --------------------------------------------------------------------------------------------
 
     def _back(self, view: View) -> Leg | None:
         """Back to the place from where the best sub-goal of D was seen, over points that it has been to."""
-        best = self.seen.best_left(view.centre)
-        if best is None:
+        self.seen.give_up_here()
+        best = self.seen.best_left(view.centre, True)
+        if best < 0:
+            best = self.seen.best_left(view.centre, False)
+        if best < 0:
             return None
-        self._wanted, self._route, self._surprises = best, self.seen.way(best.place), 0
+        self._wanted, self._route, self._surprises = best, self.seen.way(self.seen.place_of(best)), 0
         return self._towards_wanted(view)
 
     def _towards_wanted(self, view: View) -> Leg | None:
         """The next leg of the way back; at its end the sub-goal itself."""
-        assert self._wanted is not None
         for k, place in enumerate(self._route):  # the farthest place on the way that can be driven to at once
             point = self.seen.places[place].point
             if math.dist(point, view.centre) < SAME or (k < len(self._route) - 1 and self._fits(view, point, 1.0)):
@@ -241,12 +238,12 @@ class OperativeCriticalPointBug:
         if self._route and math.dist(self.seen.places[self._route[-1]].point, view.centre) < SAME:
             self._route.pop()
         kind = LegKind.BACK if self._route else LegKind.CRITICAL
-        target = self.seen.places[self._route[-1]].point if self._route else self._wanted.point
+        target = self.seen.places[self._route[-1]].point if self._route else self.seen.target(self._wanted)
         fits = kind is LegKind.BACK or self._fits(view, target, 1.0)
         if fits and self._surprises < _TRIES:
             return Leg(kind, target, self._wanted) if self._is_safe(view, target, kind) else None
-        self._wanted.open = False
-        self._wanted, self._route, self._surprises = None, [], 0
+        self.seen.close(self._wanted)
+        self._wanted, self._route, self._surprises = -1, [], 0
         return self._critical_point(view)
 
     # -- SAFE_POINT ----------------------------------------------------------------------------------------------------
@@ -273,19 +270,18 @@ class OperativeCriticalPointBug:
     def _is_safe(self, view: View, target: Array, kind: LegKind, turning: bool = True) -> bool:
         """Whether no moving obstacle meets the robot on its way to `target`; what does is kept as a virtual obstacle."""
         collision = self._predicted(view, target, turning, 0.0 if kind is LegKind.GOAL else _PAUSE)
-        if collision is not None and all(c.obstacle is not collision.obstacle for c in self.collisions):
+        if collision is not None and all(c.obstacle.number != collision.obstacle.number for c in self.collisions):
             self.collisions.append(collision)
         return collision is None
 
     def _predicted(self, view: View, target: Array, turning: bool, stay: float, margin: float | None = None) -> Collision | None:
-        moving = self.obstacles.dynamic
-        if not moving:
+        if not len(self._moving):
             return None
         p = view.parameters
         heading = view.heading_to(target)
         turn = abs(wrap_angle(heading - view.pose.theta)) / p.rotate_to_heading_angular_vel if turning else 0.0
         return predict(
-            moving,
+            self._moving,
             view.time,
             view.centre,
             heading,
@@ -306,19 +302,20 @@ class OperativeCriticalPointBug:
             self._arrived(leg)
             return False
         if view.blocked:
-            self._surprised(leg)
+            self._surprised(leg, "the guard has stopped it")
             return False
         if not view.fresh:
             return True
         if leg.kind is LegKind.GOAL:
             free = view.goal_in_sight() and not self._narrow(view, leg.target, 1.0)
         elif leg.kind is LegKind.CRITICAL:
-            free = self._fits(view, leg.target, 1.0)
+            slack = _SLACK * view.parameters.safety_constant
+            free = view.reachable(leg.target, slack) and not self._narrow(view, leg.target, 1.0)
         else:  # where it has been already, or in a hurry: only what stops it counts
             free = True
         leg.flags = 0 if free else leg.flags + 1
         if leg.flags >= _FLAGS:
-            self._surprised(leg)
+            self._surprised(leg, "seen to be blocked")
             return False
         turning = abs(wrap_angle(view.heading_to(leg.target) - view.pose.theta)) > 0.5
         stay = _PAUSE if leg.kind is LegKind.CRITICAL else 0.0
@@ -329,34 +326,34 @@ class OperativeCriticalPointBug:
 
     def _arrived(self, leg: Leg) -> None:
         self._surprises = 0
-        if leg.subgoal is not None and leg.kind is LegKind.CRITICAL:
-            leg.subgoal.open = False
-            self._wanted = None
+        if leg.subgoal >= 0 and leg.kind is LegKind.CRITICAL:
+            if math.dist(leg.target, self.seen.target(leg.subgoal)) < SAME:  # not beside a corner on the way there
+                self.seen.close(leg.subgoal)
+            self._wanted = -1
 
-    def _surprised(self, leg: Leg) -> None:
+    def _surprised(self, leg: Leg, why: str) -> None:
         """A way that was called free is not."""
         self._surprises += 1
-        self._news.append(f"{leg.kind.value}: blocked")
-        if leg.subgoal is not None and self._surprises >= _TRIES:
-            leg.subgoal.open = False
-            self._wanted, self._surprises = None, 0
+        self._news.append(f"{leg.kind.value}: {why}")
+        if leg.subgoal >= 0 and self._surprises >= _TRIES:
+            self.seen.close(leg.subgoal)
+            self._wanted, self._surprises = -1, 0
 
     # -- moving obstacles ----------------------------------------------------------------------------------------------
 
     def _standing(self, view: View, panorama: Panorama) -> View:
         """What stands still, of this panorama."""
-        moving = self.obstacles.dynamic
-        if not moving and panorama is view.panorama:
+        if not len(self._moving) and panorama is view.panorama:
             return view
-        still = standing_world(panorama, moving, 0.15)
+        still = standing_world(panorama, self._moving, 0.15)
         return replace(view, panorama=still, hits=still.hits())
 
     def _threat(self, view: View) -> Collision | None:
         """What would run into the robot if it stood still."""
-        if not self.obstacles.dynamic:
+        if not len(self._moving):
             return None
         margin = view.circle.body + 0.5 * self.parameters.collision_margin
-        return predict(self.obstacles.dynamic, view.time, view.centre, 0.0, 0.0, 1.0, 0.0, 4.0, margin, 4.0)
+        return predict(self._moving, view.time, view.centre, 0.0, 0.0, 1.0, 0.0, 4.0, margin, 4.0)
 
     def _evade(self, view: View) -> Move:
         """Out of the way: the shortest straight motion after which nothing comes, with less room where it is too late for more;
@@ -408,13 +405,6 @@ class OperativeCriticalPointBug:
 
 def _array(points: list[Array]) -> Array:
     return np.array(points).reshape(-1, 2)
-
-
-def _beside(point: Array, a: Array, b: Array) -> float:
-    """Distance of a point from a segment [m]."""
-    along = b - a
-    share = float(np.clip((point - a) @ along / max(float(along @ along), 1e-12), 0.0, 1.0))
-    return math.dist(point, a + share * along)
 
 
 def build(context: Context) -> Reactive:

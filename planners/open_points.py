@@ -21,7 +21,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from robocar.core import SE2, Array, Footprint, Observation, ParameterError, Robot, Scan, frozen_array
 
@@ -99,13 +98,7 @@ class Panorama:
 
     def hits(self) -> Array:
         """Surface points, (m, 2) [m]; a laser's ranges are means over up to five beams on the same surface."""
-        seen = np.isfinite(self.ranges)
-        ranges = _smoothed(self.ranges)[seen] if self.thin else self.ranges[seen]
-        bearings = self.bearings[seen]
-        points = np.empty((len(ranges), 2))
-        points[:, 0] = self.origin[0] + ranges * np.cos(bearings)
-        points[:, 1] = self.origin[1] + ranges * np.sin(bearings)
-        return points
+        return _hits(self.origin, self.bearings, self.ranges, self.thin)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,6 +109,9 @@ class OpenPoint:
         position: (2,) [m]; bearing [rad] and range [m] from the sensor.
         side: +1 where the free side is counter-clockwise of it (obstacle, then open), -1 where it is clockwise.
         sure: False where the surface may as well go on, seen at too grazing an angle to tell.
+        before: how far before `position`, along `along`, the last beam met the surface [m]; beyond: how far beyond it the
+            next beam would have, had the surface gone on [m]. The end lies in between.
+        along: unit vector of the surface towards its end, (2,); zero where too little is seen of it.
     """
 
     position: Array
@@ -123,6 +119,14 @@ class OpenPoint:
     range: float
     side: int
     sure: bool = True
+    before: float = 0.0
+    beyond: float = 0.0
+    along: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def vague(self) -> float:
+        """Length of the stretch in which the end lies [m]."""
+        return self.before + self.beyond
 
     @property
     def normal(self) -> Array:
@@ -255,26 +259,35 @@ def find_open_points(panorama: Panorama, range_jump: float, range_std: float) ->
         range_jump: the paper's delta d [m].
         range_std: of the sensor's noise [m].
     """
+    return points_of(open_point_rows(panorama, range_jump, range_std))
+
+
+def points_of(rows: Array) -> list[OpenPoint]:
+    """The open points that these rows of `open_point_rows` are."""
+    return [
+        OpenPoint(frozen_array([x, y]), bearing, distance, int(side), sure > 0.0, before, beyond, (ux, uy))
+        for x, y, bearing, distance, side, sure, before, beyond, ux, uy in rows.tolist()
+    ]
+
+
+def open_point_rows(panorama: Panorama, range_jump: float, range_std: float) -> Array:
+    """What `find_open_points` finds, (k, 10): x, y, bearing, range, side, sure, before, beyond, along's x and y."""
     seen = ~np.isnan(panorama.ranges)
     bearings, ranges = panorama.bearings[seen], panorama.ranges[seen]
     if len(ranges) < 3:
-        return []
+        return np.empty((0, 10))
+    x, y = panorama.origin.tolist()
     apart = _MISSING * panorama.spacing
-    found = _jumps(bearings, ranges, panorama.max_range, apart, range_jump, range_std, panorama.thin)
-    x, y = panorama.origin
-    return [
-        OpenPoint(frozen_array([x + d * math.cos(b), y + d * math.sin(b)]), float(b), float(d), int(side), bool(sure > 0.0))
-        for b, d, side, sure in found
-    ]
+    return _jumps(bearings, ranges, x, y, panorama.max_range, apart, range_jump, range_std, panorama.thin)
 
 
 @njit(cache=True)
 def _jumps(
-    bearings: Array, ranges: Array, max_range: float, apart: float, jump: float, std: float, thin: bool
-) -> NDArray[np.float64]:
-    """Bearing, range, side and sureness of each open point, (k, 4). `ranges` without nan, inf where nothing is."""
+    bearings: Array, ranges: Array, x: float, y: float, max_range: float, apart: float, jump: float, std: float, thin: bool
+) -> Array:
+    """See `open_point_rows`; `ranges` without nan, inf where nothing is."""
     n = len(ranges)
-    found = np.empty((n, 4))
+    found = np.empty((n, 10))
     count = 0
     fit_b, fit_r = np.empty(_FIT), np.empty(_FIT)
     straight, expected, spread, half = True, 0.0, 0.0, 0.0
@@ -290,7 +303,7 @@ def _jumps(
         near, d, far = (i, near_i, near_j) if side == 1 else (j, near_j, near_i)
         if d <= 0.0:
             continue
-        sure = 1.0
+        sure, beyond = 1.0, d
         edge, at = bearings[near] + 0.5 * side * between, d
         if thin:
             # The surface up to the jump, from the last beam backwards: as many beams as lie on one straight line.
@@ -313,11 +326,20 @@ def _jumps(
                 if 1.0 / far > expected + noise or (far >= max_range and expected < 1.0 / far):
                     continue  # the surface goes on, or bends towards the sensor
                 sure = 1.0 if 1.0 / far < expected - noise else 0.0
+                beyond = min(1.0 / max(expected, 1e-6), far)
                 if m < 3:
                     edge = bearings[near]  # too little of the surface is seen to continue it
                 elif half > 0.0:
                     at = min(max(1.0 / half, d - 3.0 * std), 0.5 * (d + 1.0 / max(expected, 1e-6)) + 3.0 * std, far)
-        found[count, 0], found[count, 1], found[count, 2], found[count, 3] = edge, at, side, sure
+        px, py = at * math.cos(edge), at * math.sin(edge)
+        ax, ay = px - d * math.cos(bearings[near]), py - d * math.sin(bearings[near])
+        turn = bearings[near] + side * between
+        bx, by = beyond * math.cos(turn) - px, beyond * math.sin(turn) - py
+        length = math.hypot(ax + bx, ay + by)
+        row = found[count]
+        row[0], row[1], row[2], row[3], row[4], row[5] = x + px, y + py, edge, at, side, sure
+        row[6], row[7] = math.hypot(ax, ay), math.hypot(bx, by)
+        row[8], row[9] = ((ax + bx) / length, (ay + by) / length) if length > 1e-9 else (0.0, 0.0)
         count += 1
     return found[:count]
 
@@ -377,6 +399,20 @@ def _smoothed(ranges: Array) -> Array:
             total, count = total + a + b, count + 2
         out[i] = total / count
     return out
+
+
+@njit(cache=True)
+def _hits(origin: Array, bearings: Array, ranges: Array, smooth: bool) -> Array:
+    """Where the beams end that hit something, (m, 2)."""
+    n, count = len(ranges), 0
+    points = np.empty((n, 2))
+    means = _smoothed(ranges) if smooth else ranges
+    for i in range(n):
+        if math.isfinite(ranges[i]):
+            points[count, 0] = origin[0] + means[i] * math.cos(bearings[i])
+            points[count, 1] = origin[1] + means[i] * math.sin(bearings[i])
+            count += 1
+    return points[:count]
 
 
 def _checked(ranges: Array, max_range: float) -> Array:

@@ -7,31 +7,51 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
+from numpy.typing import NDArray
 
+from planners import sub_goals as sg
+from planners.bug_view import View
 from planners.open_points import OpenPoint
+from planners.sub_goals import SAME
+from planners.surfaces import Surfaces
 from robocar.core import Array
 
-SAME = 0.12  # [m] open points nearer to each other, and places, are one
-_SAME_SIDE = math.cos(math.radians(50.0))  # ... whose free sides look the same way
-_PASSED = 0.4  # [m] an end that was not sure is done with this near to the way driven
 
-
-@dataclass(slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class SubGoal:
-    """An entry of SG, and with its distance of D.
+    """An entry of SG, and with its distance of D, as it is now.
 
     Args:
-        point: (2,) [m]; distance: to the goal [m]; open_point: that it belongs to.
+        point: (2,) [m]; distance: to the goal [m]; open_point: the position of that it belongs to, (2,) [m].
+        sure: whether that is sure to be an end.
         place: from where it was seen, an index into T.
         open: neither visited nor refused.
     """
 
     point: Array
     distance: float
-    open_point: OpenPoint
+    open_point: Array
+    sure: bool
     place: int
-    open: bool = True
+    open: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """A sub-goal in sight that fits and has not been visited.
+
+    Args:
+        point: (2,) [m]; way: where to drive first, the point itself or one beside a corner on the way there.
+        distance: to the goal [m].
+        later: whether sure ones that have not been driven by come first.
+        subgoal: its number in SG; -1 beside a virtual obstacle.
+    """
+
+    point: Array
+    way: Array
+    distance: float
+    later: bool
+    subgoal: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,13 +67,15 @@ class Traverse:
 
     def __init__(self) -> None:
         self.places: list[Place] = []  # T
-        self.subgoals: list[SubGoal] = []  # SG and D
         self.at = -1  # the last place
+        self.surfaces = Surfaces()
+        self._table = np.zeros((64, sg.COLUMNS))
+        self._count = 0
         self._trail: list[Array] = []
-        self._ends: list[tuple[float, float, float, float, float]] = []  # of the sub-goals: open point, its normal, its side
-        self._table = np.empty((0, 5))
         self._been = np.empty((0, 2))
         self._passed = np.empty((0, 2))
+
+    # -- T -------------------------------------------------------------------------------------------------------------
 
     def pass_by(self, point: Array) -> None:
         """The robot is here."""
@@ -71,43 +93,9 @@ class Traverse:
             self.at = len(self.places) - 1
             self._been = self.points()
 
-    def visited(self, target: Array, sure: bool) -> bool:
-        """Whether T holds the point; one whose open point was not sure is done with once the robot has passed near it."""
-        x, y = target
-        return _any_near(self._been, x, y, SAME) or (not sure and _any_near(self._passed, x, y, _PASSED))
-
-    def subgoal_of(self, point: OpenPoint, radius: float, goal: Array) -> SubGoal:
-        """The sub-goal that the same open point has already given, or a new one."""
-        target = point.subgoal(radius)
-        if len(self._table) != len(self._ends):
-            self._table = np.array(self._ends)
-        k = _same_end(self._table, *_end(point), SAME, _SAME_SIDE)
-        if k < 0:
-            return SubGoal(target, math.hypot(goal[0] - target[0], goal[1] - target[1]), point, self.at)
-        known = self.subgoals[k]
-        if known.open:  # the last look counts
-            known.point, known.open_point, known.place = target, point, self.at
-            self._table[k] = self._ends[k] = _end(point)
-        return known
-
-    def keep(self, subgoal: SubGoal) -> None:
-        """A safe one: into SG and D, if it is new."""
-        if subgoal not in self.subgoals:  # which one it is, not what it is equal to
-            self.subgoals.append(subgoal)
-            self._ends.append(_end(subgoal.open_point))
-
-    def best_left(self, centre: Array) -> SubGoal | None:
-        """The sub-goal that remains with the shortest way back to where it was seen and on to the goal, as the crow flies."""
-        best, shortest = None, math.inf
-        for subgoal in self.subgoals:
-            if subgoal.open and (subgoal.place == self.at or self.visited(subgoal.point, subgoal.open_point.sure)):
-                subgoal.open = False  # not to be reached from where it was seen
-            if subgoal.open:
-                points = [centre, *(self.places[k].point for k in reversed(self.way(subgoal.place))), subgoal.point]
-                length = sum(math.dist(a, b) for a, b in pairwise(points)) + subgoal.distance
-                if length < shortest:
-                    best, shortest = subgoal, length
-        return best
+    def points(self) -> Array:
+        """T, (n, 2) [m]."""
+        return np.array([place.point for place in self.places]).reshape(-1, 2)
 
     def way(self, place: int) -> list[int]:
         """Places from the last one to `place` in the tree of where it came from; the next one is at the end of the list."""
@@ -121,37 +109,91 @@ class Traverse:
             chain.append(self.places[chain[-1]].parent)
         return chain
 
-    def points(self) -> Array:
-        """T, (n, 2) [m]."""
-        return np.array([place.point for place in self.places]).reshape(-1, 2)
+    # -- SG and D ------------------------------------------------------------------------------------------------------
+
+    @property
+    def subgoals(self) -> list[SubGoal]:
+        """SG."""
+        return [self._value(row) for row in self._table[: self._count]]
+
+    def _value(self, row: Array) -> SubGoal:
+        point, end = row[sg.TX : sg.TY + 1].copy(), row[sg.X : sg.Y + 1].copy()
+        return SubGoal(point, float(row[sg.LEFT]), end, bool(row[sg.SURE]), int(row[sg.PLACE]), bool(row[sg.OPEN]))
+
+    @property
+    def anything_open(self) -> bool:
+        """Whether D still holds one that has been neither visited nor refused."""
+        return bool(self._table[: self._count, sg.OPEN].any())
+
+    def target(self, subgoal: int) -> Array:
+        """Where a sub-goal lies, (2,) [m]."""
+        return self._table[subgoal, sg.TX : sg.TY + 1].copy()
+
+    def place_of(self, subgoal: int) -> int:
+        """From where it was seen."""
+        return int(self._table[subgoal, sg.PLACE])
+
+    def close(self, subgoal: int) -> None:
+        """It is visited, or refused."""
+        self._table[subgoal, sg.OPEN] = 0.0
+
+    def candidates(
+        self, view: View, open_points: Array, virtual: NDArray[np.bool_], threatened: bool, gap_tolerance: float
+    ) -> list[Candidate]:
+        """Sub-goals of the open points in sight (rows of `open_point_rows`) that fit and are not visited, the best first; takes them
+        into SG and D.
+
+        Args:
+            virtual: which of them belong to virtual obstacles; their sub-goals are not kept, and lead away from the goal only if
+                `threatened`.
+        """
+        while len(self._table) < self._count + len(open_points):
+            self._table = np.concatenate([self._table, np.zeros_like(self._table)])
+        (x, y), (gx, gy), circle = view.centre.tolist(), view.goal.position.tolist(), view.circle
+        found, self._count = sg.consider(
+            open_points, virtual, threatened, self._table, self._count, self.at, self._been, self._passed, self.surfaces.table,
+            view.hits, x, y, gx, gy, circle.radius, circle.driving, circle.body, 2.0 * circle.radius * (1.0 + gap_tolerance),
+        )  # fmt: skip
+        rows = sorted(found.tolist(), key=lambda row: (row[sg.LATER], row[sg.DISTANCE]))
+        return [Candidate(np.array(r[:2]), np.array(r[2:4]), r[4], r[5] > 0.0, int(r[6])) for r in rows]
+
+    def way_to(self, view: View, point: Array, gap_tolerance: float) -> Array | None:
+        """Where to drive to get to a point in sight: there, or beside a corner on the way, (2,) [m]; None if neither fits."""
+        (x, y), (px, py), circle = view.centre.tolist(), point.tolist(), view.circle
+        width = 2.0 * circle.radius * (1.0 + gap_tolerance)
+        way = sg.way_to(view.hits, self._been, x, y, px, py, circle.radius, circle.driving, circle.body, width)
+        return None if math.isnan(way[0]) else np.array(way)
+
+    def give_up_here(self) -> None:
+        """Those seen from this place last that are still open are not to be reached from where they were seen; those that have been
+        visited since are done with."""
+        for row in self._table[: self._count]:
+            if row[sg.OPEN] and (
+                int(row[sg.PLACE]) == self.at or sg.visited(self._been, self._passed, row[sg.TX], row[sg.TY], row[sg.SURE] > 0.0)
+            ):
+                row[sg.OPEN] = 0.0
+
+    def best_left(self, centre: Array, sure: bool) -> int:
+        """The sub-goal of another place with the shortest way back to where it was seen and on to the goal, as the crow flies; -1
+        for none. `sure`: of those whose ends are, and that have not been driven by."""
+        best, shortest = -1, math.inf
+        for k, row in enumerate(self._table[: self._count]):
+            if not row[sg.OPEN] or int(row[sg.PLACE]) == self.at:
+                continue
+            x, y = row[sg.TX : sg.TY + 1].tolist()
+            if sg.visited(self._been, self._passed, x, y, row[sg.SURE] > 0.0):
+                continue
+            if sure and (not row[sg.SURE] or sg.any_near(self._passed, x, y, SAME)):
+                continue
+            points = [centre, *(self.places[i].point for i in reversed(self.way(int(row[sg.PLACE])))), (x, y)]
+            length = sum(math.dist(a, b) for a, b in pairwise(points)) + float(row[sg.LEFT])
+            if length < shortest:
+                best, shortest = k, length
+        return best
 
 
-def _end(point: OpenPoint) -> tuple[float, float, float, float, float]:
-    """Position, normal and side of an open point."""
-    x, y, side = float(point.position[0]), float(point.position[1]), float(point.side)
-    return x, y, -side * math.sin(point.bearing), side * math.cos(point.bearing), side
-
-
-@njit(cache=True)
-def _same_end(ends: Array, x: float, y: float, nx: float, ny: float, side: float, near: float, cosine: float) -> int:
-    """The first row of `ends` that is the same end as this one, or -1."""
-    for k in range(len(ends)):
-        there = ends[k, 4] == side and math.hypot(ends[k, 0] - x, ends[k, 1] - y) < near
-        if there and ends[k, 2] * nx + ends[k, 3] * ny > cosine:
-            return k
-    return -1
-
-
-@njit(cache=True)
-def _any_near(points: Array, x: float, y: float, near: float) -> bool:
-    """Whether one of the points (n, 2) is nearer than this."""
-    nearest = math.inf
-    for k in range(len(points)):
-        nearest = min(nearest, math.hypot(points[k, 0] - x, points[k, 1] - y))
-    return nearest < near
-
-
-def warm_up() -> None:
-    """Compiles what the control loop needs."""
-    _same_end(np.zeros((1, 5)), 0.0, 0.0, 1.0, 0.0, 1.0, SAME, _SAME_SIDE)
-    _any_near(np.zeros((1, 2)), 0.0, 0.0, SAME)
+def row_of(point: OpenPoint) -> Array:
+    """An open point as a row of `open_point_rows`, (1, 10)."""
+    return np.array([
+        [*point.position, point.bearing, point.range, point.side, point.sure, point.before, point.beyond, *point.along]
+    ])  # fmt: skip

@@ -1,6 +1,7 @@
 """Operative Critical Point Bug: gaps, movers, what it remembers. Oracles: the paper's claims, the world, graph search."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,9 +13,13 @@ from kinematic import context
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
+from planners.bug_view import Parameters as BugParameters
+from planners.bug_view import View, narrow_gap
 from planners.ocpb import OperativeCriticalPointBug, Parameters
-from planners.open_points import OpenPoint, VirtualCircle
-from planners.traverse import SAME, Traverse
+from planners.open_points import OpenPoint, Panorama, VirtualCircle
+from planners.sub_goals import SAME
+from planners.surfaces import Surfaces
+from planners.traverse import Candidate, Traverse, row_of
 from robocar.core import OCCUPIED, SE2, Arrows, Goal, Lines, OccupancyGrid, Points
 from robocar.registry import build
 from robocar.run import run as run_in_physics
@@ -120,17 +125,107 @@ def test_the_way_back_is_the_one_in_the_tree(count: int, seed: int) -> None:
     assert steps[-1] == target
 
 
+def view_of(hits: np.ndarray, centre: tuple[float, float] = (0.0, 0.0), goal: tuple[float, float] = (5.0, 0.0)) -> View:
+    seen = Panorama(0.0, np.zeros(2), np.zeros(0), np.zeros(0), 6.0, 0.1)
+    circle = VirtualCircle.of(laser_car().footprint, 0.03)
+    return View(0.0, SE2(*centre), np.array(centre), seen, hits, True, Goal(np.array(goal)), False, circle, BugParameters())
+
+
+def candidates(seen: Traverse, view: View, *points: OpenPoint) -> list[Candidate]:
+    rows = np.concatenate([row_of(point) for point in points])
+    return seen.candidates(view, rows, np.zeros(len(rows), dtype=bool), False, 0.05)
+
+
 def test_the_same_open_point_gives_one_subgoal() -> None:
     """Line 7 of MAIN: seen again within 12 cm and with its free side the same way, it is the same; else it is another."""
-    seen, goal = Traverse(), np.array([5.0, 0.0])
+    seen, view = Traverse(), view_of(np.empty((0, 2)))
     seen.arrive(np.zeros(2))
-    first = seen.subgoal_of(OpenPoint(np.array([2.0, 0.0]), 0.0, 2.0, 1), 0.2, goal)
-    seen.keep(first)
-    assert first.point == pytest.approx([2.0, 0.2])
-    assert first.distance == pytest.approx(math.hypot(3.0, 0.2))
-    assert seen.subgoal_of(OpenPoint(np.array([2.05, 0.05]), 0.3, 2.0, 1), 0.2, goal) is first
+    (first,) = candidates(seen, view, OpenPoint(np.array([2.0, 0.0]), 0.0, 2.0, 1))
+    assert first.point == pytest.approx([2.0, RADIUS])
+    assert first.distance == pytest.approx(math.hypot(3.0, RADIUS))
+    assert candidates(seen, view, OpenPoint(np.array([2.05, 0.05]), 0.3, 2.0, 1))[0].subgoal == first.subgoal
     others = [(2.2, 0.0, 0.0, 1), (2.0, 0.0, 1.2, 1), (2.0, 0.0, 0.0, -1)]
-    assert all(seen.subgoal_of(OpenPoint(np.array([x, y]), b, 2.0, side), 0.2, goal) is not first for x, y, b, side in others)
+    found = [candidates(seen, view, OpenPoint(np.array([x, y]), b, 2.0, side))[0].subgoal for x, y, b, side in others]
+    assert len({first.subgoal, *found}) == 4
+
+
+def test_an_end_seen_vaguely_is_the_one_known_better() -> None:
+    """A wall's end is somewhere in the next 0.6 m; it is the corner known to lie there, whose place stays. Beyond, it is another."""
+    seen, view = Traverse(), view_of(np.empty((0, 2)))
+    seen.arrive(np.zeros(2))
+    (sharp,) = candidates(seen, view, OpenPoint(np.array([2.0, 0.0]), 0.0, 2.0, 1))
+    vague = OpenPoint(np.array([1.6, 0.0]), 0.0, 1.6, 1, True, 0.1, 0.5, (1.0, 0.0))
+    assert candidates(seen, view, vague)[0].subgoal == sharp.subgoal
+    assert seen.subgoals[sharp.subgoal].point == pytest.approx(sharp.point)
+    seen.close(sharp.subgoal)
+    assert candidates(seen, view, vague) == []
+    assert candidates(seen, view, replace(vague, beyond=0.2))[0].subgoal != sharp.subgoal
+
+
+def test_an_unsure_end_is_none_where_the_surface_was_seen_to_go_on() -> None:
+    """Oracle: the wall. It is seen from its middle first, then at a grazing angle; where it was not seen it may end."""
+    wall = np.stack([np.linspace(0.0, 3.0, 61), np.full(61, -0.3)], axis=1)
+    view = view_of(wall)
+    unsure = OpenPoint(np.array([2.0, -0.3]), -0.15, 2.0, 1, False, 0.1, 0.2, (1.0, 0.0))
+    blank, knows = Traverse(), Traverse()
+    blank.arrive(np.zeros(2))
+    knows.arrive(np.zeros(2))
+    knows.surfaces.remember(wall)
+    assert len(candidates(blank, view, unsure)) == 1
+    assert candidates(knows, view, unsure) == []
+    last = replace(unsure, position=np.array([2.9, -0.3]))
+    assert len(candidates(knows, view, last)) == 1
+
+
+@given(st.lists(st.tuples(st.floats(-3, 3), st.floats(-3, 3)), min_size=1, max_size=30), st.integers(0, 2**32 - 1))
+@settings(deadline=None)
+def test_surfaces_hold_what_was_seen(points: list[tuple[float, float]], seed: int) -> None:
+    """Oracle: a set of cells of 5 cm; scans of many points make the table grow."""
+    rng, surfaces = np.random.default_rng(seed), Surfaces()
+    hits = np.concatenate([np.array(points), rng.uniform(-30, 30, (4000, 2))])
+    cells = {(math.floor(x / 0.05), math.floor(y / 0.05)) for x, y in hits}
+    for part in np.array_split(hits, 5):
+        surfaces.remember(part)
+    asked = np.concatenate([np.array(points), rng.uniform(-30, 30, (200, 2))])
+    near = [
+        any((math.floor(x / 0.05) + i, math.floor(y / 0.05) + k) in cells for i in (-1, 0, 1) for k in (-1, 0, 1))
+        for x, y in asked
+    ]
+    assert [surfaces.hold(x, y) for x, y in asked] == near
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_candidates_are_those_that_fit(seed: int) -> None:
+    """Oracle: the same rules with the view's own tests, one open point after the other; random posts, T and open points."""
+    rng, seen = np.random.default_rng(seed), Traverse()
+    hits = np.repeat(rng.uniform(-2, 2, (6, 2)), 3, axis=0) + rng.uniform(-0.03, 0.03, (18, 2))
+    hits = hits[np.linalg.norm(hits, axis=1) > 0.3]
+    view = view_of(hits, goal=tuple(rng.uniform(-3, 3, 2)))
+    for place in rng.uniform(-2, 2, (3, 2)):
+        seen.arrive(place)
+    seen.arrive(np.zeros(2))
+    bearings, ranges = np.sort(rng.uniform(-3, 3, 12)), rng.uniform(0.3, 2.5, 12)
+    points = [
+        OpenPoint(r * np.array([math.cos(b), math.sin(b)]), b, r, int(rng.choice([-1, 1])))
+        for b, r in zip(bearings, ranges, strict=True)
+    ]
+    found = candidates(seen, view, *points)
+    direct = {c.subgoal: c.point for c in found if np.array_equal(c.point, c.way)}
+    width = 2.0 * RADIUS * 1.05
+    fitting = []
+    for point in points:
+        x, y = target = point.subgoal(RADIUS)
+        narrow = narrow_gap(hits, 0.0, 0.0, math.atan2(y, x), math.hypot(x, y), width, view.circle.body)
+        new = min(math.dist(target, place) for place in seen.points()) >= SAME
+        if new and view.reachable(target) and math.isinf(narrow):
+            fitting.append(target)
+    assert len(direct) == len(fitting)
+    assert np.array(sorted(map(tuple, direct.values()))) == pytest.approx(np.array(sorted(map(tuple, fitting))))
+    assert [c.distance for c in found] == sorted(c.distance for c in found)
+    for c in found:  # a detour is beside a corner, and both its parts can be driven
+        assert view.reachable(c.way)
+        assert replace(view, centre=c.way).reachable(c.point)
 
 
 def test_in_physics_it_reaches_the_goal_among_boxes_and_touches_nothing() -> None:
