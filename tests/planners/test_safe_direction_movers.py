@@ -72,13 +72,13 @@ def test_what_does_not_come_is_not_dodged(discs: list) -> None:
     assert movers.dodged(Twist(0.0, 1.2), Twist(0.0, 1.2), free_floor(), SE2()) is None
 
 
-def test_where_every_way_is_closed_it_stands() -> None:
-    """Walls at all sides: no arc is free, and a turn changes nothing."""
+def test_where_every_way_is_closed_it_does_not_drive_on() -> None:
+    """Walls at all sides: the wanted 0.3 m/s would end in one; the slowed 0.1 m/s may be driven up to it."""
     movers = following(np.array([[0.6, 0.0, -0.3, 0.0, 0.3]]))
     box = free_floor((-0.2, 0.12, 0.2, 0.2), (-0.2, -0.2, 0.2, -0.12), (0.15, -0.2, 0.2, 0.2), (-0.2, -0.2, -0.15, 0.2))
     twist = movers.dodged(Twist(0.3, 0.0), Twist(0.1, 0.0), box, SE2())
     assert twist is not None
-    assert twist.v == 0.0
+    assert abs(twist.v) <= 0.1
 
 
 @pytest.mark.parametrize("make", [build, build_with_memory])
