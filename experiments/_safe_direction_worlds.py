@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from robocar.core import OCCUPIED, Array, OccupancyGrid
+from robocar.core import OCCUPIED, SE2, Array, Footprint, OccupancyGrid
 from robocar.core.distance import ClearanceField
 from robocar.formats import save_ros_map
 
@@ -123,6 +125,15 @@ def culdesac(depth: float) -> Drawn:
 def path_clearance(points: Array, grid: OccupancyGrid) -> Array:
     """Distance from points (n, 2) [m] to the nearest wall [m], (n,)."""
     return ClearanceField(grid, grid.occupied).points(np.ascontiguousarray(points))
+
+
+def outline_clearance(points: Array, grid: OccupancyGrid, outline: Footprint) -> float:
+    """Least distance [m] of the outline to a wall on a way over points (n, 2) [m], looking from each to the next."""
+    field, least = ClearanceField(grid, grid.occupied), math.inf
+    for here, there in itertools.pairwise(points):
+        heading = math.atan2(there[1] - here[1], there[0] - here[0])
+        least = min(least, field.footprint(outline.at(SE2(here[0], here[1], heading))))
+    return least
 
 
 def middle_error(points: Array) -> Array:

@@ -19,7 +19,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from scipy.stats import spearmanr
 
-from experiments._safe_direction_worlds import FIGURES, Drawn, culdesac, middle_error, path_clearance
+from experiments._safe_direction_worlds import FIGURES, Drawn, culdesac, middle_error, outline_clearance, path_clearance
 from planners.safe_direction_method import Directions, Parameters
 from planners.safe_direction_view import Panorama, Sector
 from planners.transforms import descend, distance_transform, obstacle_transform
@@ -87,6 +87,7 @@ def main(out: Path, quick: bool = False, runs: int = 20) -> None:
     _figures(report, out, cases, scenarios, seeds)
     _figure_9(report, out, scenarios["figure-9"], range(1 if quick else 5), (0.0, 0.8) if quick else ALPHAS)
     _ranges(report, out, scenarios, quick)
+    _ring(report, out, scenarios, names[:1] if quick else names, range(1 if quick else 10))
     _cycle(report, out, range(1 if quick else 3))
     report.write()
 
@@ -129,6 +130,7 @@ def _figures(
             "mean_clearance": _mean([r.value("mean_clearance") for r in reached]),
             "centre_clearance": _mean(ours),
             "centre_clearance_distance_transform": grazing,
+            "outline_clearance_distance_transform": outline_clearance(path, WORLDS[name].grid(), footprint()),
         }
         if name == "corridor":
             values["middle_rms"] = _mean([float(np.sqrt(np.mean(middle_error(r.truth.poses[:, :2]) ** 2))) for r in reached])
@@ -139,13 +141,15 @@ def _figures(
             report.number(
                 f"{name}/{navigator}/{key}", value, "1" if key in ("success_rate", "contacts", "length_over_shortest") else "m"
             )
-        rows.append((name, navigator, f"{len(reached)}/{len(runs)}", *list(values.values())[1:7]))
+        rows.append((name, navigator, f"{len(reached)}/{len(runs)}", *list(values.values())[1:8]))
+        if name == "figure-9":
+            _verdict(report, navigator, values)
     report.table(
         ("world", "navigator", "reached", "contacts", "way / shortest", "min clearance [m]", "mean clearance [m]",
-         "least of the centre [m]", "distance transform's [m]"),
+         "least of the centre [m]", "distance transform's centre [m]", "and outline [m]"),
         rows,
-        f"{len(seeds)} seeds each, laser of 205 degrees with noise, default parameters. Clearances are the outline's; the last "
-        "two columns are the robot centre's, ours and that of the distance-transform path on the whole map.",
+        f"{len(seeds)} seeds each, laser of 205 degrees with noise, default parameters (alpha 0.6). Clearances are the "
+        "outline's, then the least of the robot's centre; the last two columns are those of the distance-transform path on the whole map.",
     )  # fmt: skip
     names = list(dict.fromkeys(name for name, _ in cases))
     figure, axes = plt.subplots(
@@ -159,6 +163,57 @@ def _figures(
                 axis.plot(*result.truth.poses[:, :2].T, color=color, lw=0.8, alpha=0.6, label=None if k else navigator)
     axes.flat[0].legend(fontsize=7)
     _save(figure, out / "figures.png")
+
+
+def _verdict(report: Report, navigator: str, values: dict[str, Any]) -> None:
+    """Fig. 9 at alpha 0.6: at least twice the clearance of the distance-transform path, at most 1.4 times the shortest way."""
+    if values["min_clearance"] is None:
+        report.say(f"Fig. 9, `{navigator}`: never reached.")
+        return
+    centre = values["centre_clearance"] / values["centre_clearance_distance_transform"]
+    outline = values["min_clearance"] / values["outline_clearance_distance_transform"]
+    length = values["length_over_shortest"]
+    report.number(f"figure-9/{navigator}/centre_clearance_over_distance_transform", centre, "1", 2.0)
+    report.number(f"figure-9/{navigator}/outline_clearance_over_distance_transform", outline, "1", 2.0)
+    met = centre >= 2.0 and outline >= 2.0 and length <= 1.4
+    report.say(
+        f"**Fig. 9, alpha 0.6, `{navigator}`: target {'met' if met else 'missed'}.** Least clearance over that of the "
+        f"distance-transform path: {centre:.2f} (centre), {outline:.2f} (outline), target 2; way over the shortest: "
+        f"{length:.2f}, target at most 1.4."
+    )
+
+
+def _ring(report: Report, out: Path, scenarios: dict[str, dict[str, Any]], names: Sequence[str], seeds: range) -> None:
+    """The paper's sensor of limited range as a ring of 16 sonars with cones of 15 degrees, without a laser."""
+    jobs = [
+        _job({**scenarios[name], "robot": {"lidar": "none", "sonars": "ring"}}, k, out / "ring", {})
+        for name in names
+        for k in seeds
+    ]
+    results = run_many(jobs)
+    rows = []
+    figure, axes = plt.subplots(
+        math.ceil(len(names) / 3), min(3, len(names)), figsize=(15, 4.2 * math.ceil(len(names) / 3)), squeeze=False
+    )
+    for i, (axis, name) in enumerate(zip(axes.flat, names, strict=False)):
+        runs = results[i * len(seeds) : (i + 1) * len(seeds)]
+        reached = [r for r in runs if r.success]
+        contacts = sum(int(r.value("contacts") or 0) for r in runs)
+        ratio, clearance = _mean([_ratio(r) for r in reached]), _mean([r.value("min_clearance") for r in reached])
+        failed = ", ".join(f"seed {k}: {r.status}" for k, r in zip(seeds, runs, strict=True) if not r.success)
+        report.number(f"ring/{name}/success_rate", len(reached) / len(runs), "1")
+        report.number(f"ring/{name}/contacts", contacts, "1")
+        report.number(f"ring/{name}/length_over_shortest", ratio, "1")
+        rows.append((name, f"{len(reached)}/{len(runs)}", contacts, ratio, clearance, failed or "–"))
+        _draw(axis, WORLDS[name], f"{name}, ring of 16 sonars")
+        for result in runs:
+            axis.plot(*result.truth.poses[:, :2].T, color="tab:blue" if result.success else "tab:red", lw=0.8)
+    report.table(
+        ("world", "reached", "contacts", "way / shortest", "min clearance [m]", "the rest"),
+        rows,
+        f"A ring of 16 sonars of 15 degrees instead of the laser, `safe-direction`, {len(seeds)} seeds each.",
+    )
+    _save(figure, out / "ring.png")
 
 
 def _figure_9(report: Report, out: Path, scenario: dict[str, Any], seeds: range, alphas: Sequence[float]) -> None:
