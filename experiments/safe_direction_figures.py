@@ -149,7 +149,8 @@ def _figures(
          "least of the centre [m]", "distance transform's centre [m]", "and outline [m]"),
         rows,
         f"{len(seeds)} seeds each, laser of 205 degrees with noise, default parameters (alpha 0.6). Clearances are the "
-        "outline's, then the least of the robot's centre; the last two columns are those of the distance-transform path on the whole map.",
+        "outline's, then the least of the robot's centre; the last two columns are those of the distance-transform path on the "
+        "whole map.",
     )  # fmt: skip
     names = list(dict.fromkeys(name for name, _ in cases))
     figure, axes = plt.subplots(
