@@ -17,16 +17,18 @@ from numpy.typing import NDArray
 from planners import costmap as layered
 from planners.costmap import safe_cost
 from planners.grid_search import LazyTrace
-from planners.moving_obstacles import MovingObstacles
+from planners.moving_obstacles import MovingObstacles, met, near
 from planners.outlines import Outlines, View
 from planners.steering import SLOWEST, Steering
 from planners.steering import Parameters as SteeringParameters
 from planners.trajectory_costs import (
+    CLOSE,
     COLLIDES,
     COST,
+    DEPTH,
     GOAL,
     HEADING,
-    MEETS,
+    NEVER,
     PATH,
     TRAVELLED,
     TURNED,
@@ -51,8 +53,8 @@ from robocar.core import (
     Trace,
 )
 
-_MEETING = 10.0  # above all other costs: a mover is met only where all trajectories meet one, and then as late as can be
-DRAWN = 60  # candidates in the recording
+_DODGE = 0.8  # [s]
+DRAWN, CORNERS = 40, 6  # candidates in the recording, and points of each
 DRAW_PERIOD = 0.5  # [s]
 LOCAL_COLOR = (44, 160, 44)
 
@@ -175,8 +177,8 @@ class DynamicWindow:
         if len(movers) == 0 and (turn := self._steering.to_path(views, local.bearing)) is not None:
             return turn
         for view in views:
-            samples = self._window(local, view, len(movers) > 0)
-            scores = self._score(view, local, samples, movers)
+            samples = self._window(local, view, movers)
+            scores = self._best_scores(view, local, samples, movers)
             best = int(np.argmin(scores))
             if scores[best] < math.inf:
                 self._steering.found()
@@ -184,16 +186,19 @@ class DynamicWindow:
                 return self._steering.drive(samples[best, 0] * view.resolution, samples[best, 1], trace)
         return self._steering.stuck(observation.time)
 
-    def _window(self, local: LocalPath, view: View, reverse: bool) -> Array:
+    def _window(self, local: LocalPath, view: View, movers: Array) -> Array:
         """The twists of V_s and V_d, (vx_samples * vtheta_samples, 2) [cells/s, rad/s]."""
         p, limits, last = self.parameters, self._steering.limits, self._steering.last
-        fastest = self._steering.highest_speed(view, local.left * view.resolution)
+        reverse, hurry = len(movers) > 0, near(movers, view)
+        fastest = self._steering.highest_speed(view, local.left * view.resolution, hurry)
         v_reach, w_reach = limits.acc_lim_x * p.window, limits.acc_lim_theta * p.window
         slowest = min(0.0, limits.min_vel_x) if reverse else 0.0
         low_v, high_v = max(slowest, last.v - v_reach), min(fastest, last.v + v_reach)
         low_w = max(-limits.max_vel_theta, last.omega - w_reach)
         high_w = min(limits.max_vel_theta, last.omega + w_reach)
         speeds = np.linspace(max(high_v, low_v), low_v, p.vx_samples)
+        if reverse:
+            speeds[np.argmin(np.abs(speeds))] = 0.0  # and to stand
         turns = np.linspace(low_w, high_w, p.vtheta_samples)
         turns[np.argmin(np.abs(turns))] = 0.0  # straight on is among them
         samples = np.empty((p.vx_samples, p.vtheta_samples, 2))
@@ -201,8 +206,20 @@ class DynamicWindow:
         samples[..., 1] = turns
         return samples.reshape(-1, 2)
 
-    def _score(self, view: View, local: LocalPath, samples: Array, movers: Array) -> Array:
-        """Costs of all samples (n,), smaller is better, inf where not admissible."""
+    def _best_scores(self, view: View, local: LocalPath, samples: Array, movers: Array) -> Array:
+        """Costs of all samples (n,), smaller is better, inf where not admissible.
+
+        Among movers the car may also drive on for `_DODGE` only and then stop: beside them in an aisle there is no room for a
+        whole arc.
+        """
+        scores = self._score(view, local, samples, movers)
+        if len(movers) > 0:
+            brake = max(1, round(_DODGE / self.parameters.sim_granularity))
+            scores = np.minimum(scores, self._score(view, local, samples, movers, brake))
+        return scores
+
+    def _score(self, view: View, local: LocalPath, samples: Array, movers: Array, brake: int = NEVER) -> Array:
+        """The costs if the car brakes from step `brake` on."""
         p, r = self.parameters, view.resolution
         distance = math.hypot(local.goal[0] - view.x, local.goal[1] - view.y) * r
         # Close to the goal the car's centre itself is to arrive.
@@ -213,14 +230,14 @@ class DynamicWindow:
         terms = rollouts(
             view.costs, self._start(view), self._accelerations(view), samples, p.sim_granularity, self._steps, outline,
             self._footprint.circumscribed_radius / r, safe, local.points, local.goal, forward / r,
-            min(self._steps, max(1, round(p.window / p.sim_granularity))), movers,
+            min(self._steps, max(1, round(p.window / p.sim_granularity))), movers, brake,
         )  # fmt: skip
         v, w = samples[:, 0] * r, np.abs(samples[:, 1])
         reach = fastest * p.sim_time
         hit = terms[:, COLLIDES] > 0.0
         # To stand is no way to the goal (`Steering.stuck` stands, and says so), unless something passes by.
         standing = (v == 0.0) & (w == 0.0) & (len(movers) == 0)
-        meets = terms[:, MEETS]
+        meets = met(terms[:, DEPTH], terms[:, CLOSE])
         if p.scoring == "cost":  # eq. 6
             scores = (
                 p.cost_scale * terms[:, COST] / 252.0
@@ -228,7 +245,7 @@ class DynamicWindow:
                 + p.path_distance_scale * terms[:, PATH] * r / reach
                 + p.slowness_scale * (SLOWEST / np.maximum(v, SLOWEST)) ** 2
             )
-            scores += np.where(meets > 0.0, _MEETING + meets, 0.0)
+            scores += meets
             scores[hit | standing] = math.inf  # "discarded"
             return scores
         # eq. 5, its sign changed; a trajectory that hits nothing has the largest distance that one can have.
@@ -239,7 +256,7 @@ class DynamicWindow:
         # eq. 3: it can stop, straight and turning, before it hits.
         stops = np.abs(v) <= np.sqrt(2.0 * terms[:, TRAVELLED] * r * limits.acc_lim_x)
         stops &= w <= np.sqrt(2.0 * terms[:, TURNED] * limits.acc_lim_theta)
-        return np.where((hit & ~stops) | standing, math.inf, np.where(meets > 0.0, _MEETING + meets, 0.0) - objective)
+        return np.where((hit & ~stops) | standing, math.inf, meets - objective)
 
     def _start(self, view: View) -> Array:
         last = self._steering.last
@@ -268,13 +285,19 @@ class DynamicWindow:
         def candidates() -> Lines:
             good = np.flatnonzero(scores < math.inf)
             shown: NDArray[np.intp] = good[:: max(1, len(good) // DRAWN)]
-            return Lines(tuple(trajectories(samples[shown])), values=scores[shown], radius=0.003)
+            return Lines(tuple(thinned(trajectories(samples[shown]))), values=scores[shown], radius=0.003)
 
         return LazyTrace({
             "candidates": candidates,
             "local": lambda: Lines((trajectories(samples[best : best + 1])[0],), color=LOCAL_COLOR, radius=0.01),
             "local_goal": lambda: Points(world(local.goal[None])),
         })  # fmt: skip
+
+
+def thinned(trajectories: Array) -> Array:
+    """`CORNERS` points of each trajectory (n, k, 2), its ends among them."""
+    k = trajectories.shape[1]
+    return trajectories[:, np.unique(np.linspace(0, k - 1, min(k, CORNERS)).round().astype(int))]
 
 
 def build(context: Context) -> DynamicWindow:

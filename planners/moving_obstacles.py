@@ -3,34 +3,50 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 
 import numpy as np
 from numba import njit
 
-from planners.obstacle_tracking import Obstacles
+from planners.obstacle_tracking import Kind, Obstacles, Tracked
 from planners.open_points import Panorama
 from planners.outlines import View
 from robocar.core import SE2, Array, Costmap, Observation, Robot, frozen_array
 
 _MAX_WIDTH, _MAX_DISTANCE = 0.8, 4.0  # [m] of what is followed: walls do not move
-_ROOM = 0.05  # [m] kept free around them
-_FASTEST = 0.6  # [m/s] what seems to move faster is noise of the tracker
+_ROOM = 0.1  # [m] kept free around them
+_FASTEST = 0.6  # [m/s] what seems to move faster is taken to move so fast: places are rough
 STAY = 2.0
 """For so long a trajectory must not be met after its end, where the robot stands [s]: it may not end in the way of a mover."""
 
 NONE = np.empty((0, 5))
+_MEETING, _DEPTH = 10.0, 50.0  # above all other costs: it enters their room only where all do, and then as little as can be
+_CLOSE = 1.0
+_CHANGED = 0.12  # [m/s] of difference are another velocity: it turns or stops
+_SLOW = 0.08  # [m/s] of what has moved before: is no motion
+_WINDOW, _RECENT = 1.05, 0.35  # [s]
 
 
 class MovingObstacles:
-    """What the laser sees moving; nothing without a laser."""
+    """What the laser sees moving; nothing without a laser.
+
+    `planners.obstacle_tracking` says which obstacles move. Its positions lie between the ends in sight, which shift as a box
+    shows another side; here each is taken for a disc that touches the nearest point seen, and its velocity comes from those.
+    """
 
     def __init__(self, robot: Robot) -> None:
         self._radius = robot.footprint.circumscribed_radius
         self._tracker = Obstacles(_MAX_WIDTH, _MAX_DISTANCE) if robot.lidar is not None else None
-        meeting(np.array([[1.0, 0.0, 0.0, 0.0, 0.1]]), np.ones(1), 0.0, 0.0, 0.0)  # compiled here, not in the control loop
+        self.forget()
+        # Compiled here, not in the control loop.
+        encounter(np.array([[1.0, 0.0, 0.0, 0.0, 0.1]]), 0.0, 0.0, 0.0)
+        met(0.0, 0.0)
 
     def forget(self) -> None:
         """A new episode."""
+        self._centres: dict[int, deque[tuple[float, float, float]]] = {}
+        self._tracked: list[Tracked] = []
+        self._moved: set[int] = set()  # what has been seen to move is watched more closely: it may go on, or has just turned
         if self._tracker is not None:
             self._tracker.forget()
 
@@ -46,18 +62,31 @@ class MovingObstacles:
             scan.time, at.position, frozen_array(at.theta + scan.bearings), frozen_array(ranges), scan.max_range, spacing
         )
         self._tracker.update(panorama)
+        self._tracked = list(self._tracker.tracked)
+        moved = {o.number for o in self._tracked if o.kind is Kind.DYNAMIC}
+        self._moved = moved | self._moved.intersection(o.number for o in self._tracked)
+        centres = self._centres
+        self._centres = {o.number: centres.get(o.number, deque(maxlen=32)) for o in self._tracked}
+        for obstacle in self._tracked:
+            if obstacle.time == panorama.time:
+                places = self._centres[obstacle.number]
+                places.append((panorama.time, *_centre(panorama, obstacle)))
+                while panorama.time - places[0][0] > _WINDOW:
+                    places.popleft()
 
     def discs(self, view: View, costmap: Costmap | None, time: float) -> Array:
         """Those that move, in the grid coordinates of the view: x, y, their velocity, and how near the robot's centre may come to
-        theirs, (n, 5) [cells, cells / s]."""
+        theirs, (n, 5) [cells, cells / s]. One that lately went otherwise than before is there twice: it may do either."""
         if self._tracker is None:
             return NONE
         rows = []
-        for obstacle in self._tracker.dynamic:
-            x, y = obstacle.at(time)
-            vx, vy = obstacle.velocity
-            if math.hypot(vx, vy) <= _FASTEST:
-                rows.append((x, y, vx, vy, obstacle.radius + self._radius + _ROOM))
+        for obstacle in self._tracked:
+            places = self._centres[obstacle.number]
+            if obstacle.number in self._moved and places:
+                room = obstacle.radius + self._radius + _ROOM
+                found = courses(np.array(places), time)
+                if obstacle.kind is Kind.DYNAMIC or max(math.hypot(*course[2:]) for course in found) > _SLOW:
+                    rows += [(*course, room) for course in found]
         if not rows:
             return NONE
         discs = np.array(rows)
@@ -68,30 +97,79 @@ class MovingObstacles:
         return discs / view.resolution
 
 
-@njit(cache=True)
-def rooms(discs: Array, x: float, y: float) -> Array:
-    """How near each disc may come, (n,): no nearer than it is now, where it is too near already."""
-    out = np.empty(len(discs))
-    for i in range(len(discs)):
-        out[i] = min(discs[i, 4], math.hypot(discs[i, 0] - x, discs[i, 1] - y) - 1e-3)
-    return out
+def _centre(panorama: Panorama, obstacle: Tracked) -> tuple[float, float]:
+    """Of the disc of the obstacle's radius that touches the nearest point seen of it [m]."""
+    (ax, ay), (bx, by) = (obstacle.ends - panorama.origin).tolist()
+    start = math.atan2(ay, ax)
+    span = (math.atan2(by, bx) - start) % math.tau
+    its = (panorama.bearings - start + 1e-6) % math.tau <= span + 2e-6
+    nearest, away = float(np.nanmin(panorama.ranges[its])), math.hypot(ax + bx, ay + by)
+    share = (nearest + obstacle.radius) / away if away > 0.0 else 0.0
+    return float(panorama.origin[0]) + share * (ax + bx), float(panorama.origin[1]) + share * (ay + by)
+
+
+def courses(centres: Array, time: float) -> list[tuple[float, float, float, float]]:
+    """Where something is expected and its velocity, by the straight lines through its places (t, x, y), (n, 3) [s, m], of the
+    last second and, where it differs, of the last `_RECENT`.
+
+    The velocity of a whole second lags where something turns back; that of a moment is rough.
+    """
+    found: list[tuple[float, float, float, float]] = []
+    last = float(centres[-1, 0])
+    for since in (_WINDOW, _RECENT):
+        x, y, vx, vy = _line(centres[last - centres[:, 0] <= since + 1e-6], last)
+        speed = math.hypot(vx, vy)
+        if speed > _FASTEST:
+            vx, vy = vx * _FASTEST / speed, vy * _FASTEST / speed
+        if not found or math.hypot(vx - found[0][2], vy - found[0][3]) > _CHANGED:
+            found.append((x + (time - last) * vx, y + (time - last) * vy, vx, vy))
+    return found
+
+
+def _line(places: Array, time: float) -> tuple[float, float, float, float]:
+    """Place at a time and velocity of the straight line through (t, x, y), (n, 3), by least squares."""
+    middle = places.mean(axis=0)
+    off = places[:, 0] - middle[0]
+    spread = float(off @ off)
+    vx, vy = (off @ places[:, 1:] / spread).tolist() if spread > 1e-9 else (0.0, 0.0)
+    ahead = time - float(middle[0])
+    return float(middle[1]) + ahead * vx, float(middle[2]) + ahead * vy, vx, vy
+
+
+def near(discs: Array, view: View) -> bool:
+    """Whether the robot is in the room of one of the discs, or within half of it."""
+    return len(discs) > 0 and encounter(discs, 0.0, view.x, view.y)[1] > 0.5
 
 
 @njit(cache=True)
-def meeting(discs: Array, room: Array, time: float, x: float, y: float) -> bool:
-    """Whether a robot at (x, y) is too near to one of the discs after `time`, each going on as it does now."""
+def met(depth, close):
+    """Cost of an encounter with movers, of numbers or arrays: see `rollouts`."""
+    return _MEETING * (depth > 0.0) + _DEPTH * depth + _CLOSE * close
+
+
+@njit(cache=True)
+def encounter(discs: Array, time: float, x: float, y: float) -> tuple[float, float]:
+    """How deep a robot at (x, y) is in the room of the discs after `time`, each going on as it does now, and how close to it.
+
+    Returns:
+        Depths, of each disc 1 at its centre and 0 from where its room ends, summed up; closeness, of the nearest disc 1 where its
+        room ends and 0 from twice as far.
+    """
+    depth, nearest = 0.0, 2.0
     for i in range(len(discs)):
         dx, dy = discs[i, 0] + time * discs[i, 2] - x, discs[i, 1] + time * discs[i, 3] - y
-        if dx * dx + dy * dy < room[i] * room[i] and room[i] > 0.0:
-            return True
-    return False
+        if dx * dx + dy * dy < 4.0 * discs[i, 4] * discs[i, 4]:
+            share = math.hypot(dx, dy) / discs[i, 4]
+            depth += max(0.0, 1.0 - share)
+            nearest = min(nearest, share)
+    return depth, min(1.0, 2.0 - nearest)
 
 
 @njit(cache=True)
-def met_later(discs: Array, room: Array, time: float, stay: float, dt: float, x: float, y: float) -> float:
-    """When one of the discs comes too near to a robot that stands at (x, y) from `time` for `stay`; inf if none does."""
+def depth_later(discs: Array, time: float, stay: float, dt: float, x: float, y: float) -> float:
+    """The depths of `encounter`, summed up in steps of `dt`, of a robot that stands at (x, y) from `time` for `stay`."""
+    total = 0.0
     if len(discs) > 0:
         for i in range(1, min(1000, int(stay / dt)) + 1):
-            if meeting(discs, room, time + i * dt, x, y):
-                return time + i * dt
-    return math.inf
+            total += encounter(discs, time + i * dt, x, y)[0]
+    return total

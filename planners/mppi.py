@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from planners import costmap as layered
 from planners.costmap import safe_cost
-from planners.dwa import DRAW_PERIOD, DRAWN, LOCAL_COLOR
+from planners.dwa import DRAW_PERIOD, DRAWN, LOCAL_COLOR, thinned
 from planners.grid_search import LazyTrace
-from planners.moving_obstacles import STAY, MovingObstacles, meeting, met_later, rooms
+from planners.moving_obstacles import STAY, MovingObstacles, depth_later, encounter, met, near
 from planners.outlines import Outlines, View
 from planners.steering import SLOWEST, Steering
 from planners.steering import Parameters as SteeringParameters
@@ -112,7 +112,7 @@ def sample_costs(
         mean: controls of the last tick, (steps, 2); noise: standard normal, (n, steps, 2); scale: its deviations, (2,).
         forward: how far ahead of the centre the point lies that is to come near to the goal.
         weights: of costs, of the distances to the goal and from the path, of slowness, and gamma, (5,), per unit.
-        movers: discs that move (`planners.moving_obstacles`), (m, 5); to come too near to one is a collision.
+        movers: discs that move (`planners.moving_obstacles`), (m, 5).
 
     Returns:
         (n,), `_COLLISION` and above where the outline touches something; (n, steps, 2).
@@ -120,11 +120,11 @@ def sample_costs(
     n, steps = noise.shape[0], noise.shape[1]
     totals, controls = np.empty(n), np.empty((n, steps, 2))
     dv, dw = limits[0] * dt, limits[1] * dt
-    room = rooms(movers, start[0], start[1])
+    whole = steps * dt + STAY
     for k in range(n):
         x, y, theta, v, w = start[0], start[1], start[2], start[3], start[4]
         cost_sum, path_sum, slow_sum, noise_sum, moved = 0.0, 0.0, 0.0, 0.0, 0.0
-        looks, nearest, hit = 0, math.inf, -1
+        looks, nearest, hit, depth_sum, close = 0, math.inf, -1, 0.0, 0.0
         for i in range(steps):
             push_v, push_w = scale[0] * noise[k, i, 0], scale[1] * noise[k, i, 1]
             v = toward(v, min(max(mean[i, 0] + push_v, limits[5]), limits[2]), dv)
@@ -141,9 +141,13 @@ def sample_costs(
             if check:
                 moved = 0.0
             cost = outline_cost(costs, x, y, theta, vertices, safe if check else 256.0)
-            if cost == math.inf or meeting(movers, room, (i + 1) * dt, x, y):
+            if cost == math.inf:
                 hit = i
                 continue
+            if len(movers) > 0:
+                depth, closeness = encounter(movers, (i + 1) * dt, x, y)
+                depth_sum += depth * dt / whole
+                close = max(close, closeness * (1.0 - 0.5 * i / steps))
             cost_sum += min(cost, 252.0)
             slow_sum += (limits[4] / max(v, limits[4])) ** 2
             ahead_x, ahead_y = x + forward * c, y + forward * s
@@ -153,8 +157,9 @@ def sample_costs(
                 path_sum += path_distance(path, ahead_x, ahead_y)
                 looks += 1
         total = weights[0] * cost_sum / steps + weights[3] * slow_sum / steps + weights[4] * noise_sum
-        if hit < 0 and met_later(movers, room, steps * dt, STAY, 2.0 * dt, x, y) < math.inf:
-            hit = steps - 1
+        if hit < 0:
+            depth_sum += depth_later(movers, steps * dt, STAY, 2.0 * dt, x, y) * 2.0 * dt / whole
+        total += met(depth_sum, close)
         if hit >= 0:
             # The earlier it collides, the worse; so that where all do, the mean still leads away.
             totals[k] = _COLLISION * (2.0 - hit / steps) + total
@@ -279,7 +284,7 @@ class MPPI:
     def _sample(self, view: View, local: LocalPath, mean: Array, noise: Array, movers: Array) -> tuple[Array, Array]:
         """`sample_costs` in the view; `mean` (steps, 2) in cells per second."""
         p, r, limits, last = self.parameters, view.resolution, self._steering.limits, self._steering.last
-        fastest = self._steering.highest_speed(view, local.left * r)
+        fastest = self._steering.highest_speed(view, local.left * r, near(movers, view))
         slowest = min(0.0, limits.min_vel_x) if len(movers) else 0.0
         distance = math.hypot(local.goal[0] - view.x, local.goal[1] - view.y) * r
         # Close to the goal the car's centre itself is to arrive.
@@ -324,7 +329,7 @@ class MPPI:
         def candidates() -> Lines:
             good = np.flatnonzero(totals < _COLLISION)
             shown: NDArray[np.intp] = good[:: max(1, len(good) // DRAWN)]
-            return Lines(tuple(trajectories(controls[shown])), values=totals[shown], radius=0.003)
+            return Lines(tuple(thinned(trajectories(controls[shown]))), values=totals[shown], radius=0.003)
 
         def local() -> Lines:
             return Lines((trajectories(mean[None])[0],), color=LOCAL_COLOR, radius=0.01)

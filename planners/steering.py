@@ -10,6 +10,7 @@ from planners.pure_pursuit import STOPPING_SHARE
 from robocar.core import SE2, Command, Drive, GiveUp, Goal, Robot, Trace, Twist
 
 SLOWEST = 0.05  # [m/s] it drives up to the goal
+_HURRY = 2.0  # times the cautious speed
 _ALIGNED = 0.2  # [rad] to the path, where a turn towards it ends
 
 
@@ -106,10 +107,11 @@ class Steering:
                         return self.drive(0.0, self._turning_speed(angle))
         return None
 
-    def highest_speed(self, view: View, left: float) -> float:
-        """The speed from which braking at `approach_deceleration` ends at the goal, `left` metres away; slow in tight places
-        [m/s]."""
-        fastest = self.fastest if view.roomy else min(self.fastest, self.parameters.cautious_vel)
+    def highest_speed(self, view: View, left: float, hurry: bool = False) -> float:
+        """The speed from which braking at `approach_deceleration` ends at the goal, `left` metres away; slow in tight places,
+        less so where it has to `hurry` out of the way of what comes near [m/s]."""
+        cautious = (_HURRY if hurry else 1.0) * self.parameters.cautious_vel
+        fastest = self.fastest if view.roomy else min(self.fastest, cautious)
         return min(fastest, max(SLOWEST, math.sqrt(2.0 * self.parameters.approach_deceleration * left)))
 
     def found(self) -> None:

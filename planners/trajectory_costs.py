@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 
 from planners.collision import footprint_free
 from planners.line_of_sight import segment_cost
-from planners.moving_obstacles import STAY, meeting, met_later, rooms
+from planners.moving_obstacles import STAY, depth_later, encounter
 from planners.outlines import View
 from planners.polyline import nearest_on_path, point_ahead
 from robocar.core import LETHAL, Array, Costmap, Path
 
-COLLIDES, COST, GOAL, PATH, TRAVELLED, TURNED, HEADING, MEETS = range(8)
+COLLIDES, COST, GOAL, PATH, TRAVELLED, TURNED, HEADING, DEPTH, CLOSE = range(9)
 """Columns of what `rollouts` finds."""
 
+NEVER = 1_000_000  # steps
 _HIGHEST = 252.0  # cost of a cell that may be entered
 _OPEN = np.zeros((0, 0), dtype=np.uint8)  # a world without obstacles
 _OPEN.flags.writeable = False
@@ -74,7 +75,7 @@ def path_distance(path: Array, x: float, y: float) -> float:
 @njit(cache=True)
 def rollouts(
     costs: NDArray, start: Array, limits: Array, samples: Array, dt: float, steps: int, vertices: Array, radius: float,
-    safe_cost: float, path: Array, goal: Array, forward: float, soon: int, movers: Array,
+    safe_cost: float, path: Array, goal: Array, forward: float, soon: int, movers: Array, brake: int = NEVER,
 ) -> Array:  # fmt: skip
     """Drives towards each sampled twist with the car's accelerations, then on with it, until the time is over or it collides.
 
@@ -89,25 +90,26 @@ def rollouts(
         forward: the point that is to come near to the goal lies this far ahead of the robot's centre.
         soon: the step after which the heading is compared with the goal's direction.
         movers: discs that move (`planners.moving_obstacles`), (m, 5).
+        brake: the step from which on it slows down and stands; by default never.
 
     Returns:
-        (n, 8), columns named above: 1 where the outline touches something; mean cost of the cells crossed, 0 to 252; smallest
+        (n, 9), columns named above: 1 where the outline touches something; mean cost of the cells crossed, 0 to 252; smallest
         distance to the goal; distance of the end from the path; way until it ends or collides; angle turned until then [rad];
         angle between the heading after step `soon` and the direction of the goal [rad];
-        how long before the end of what is looked at it comes too near to a mover [s], 0 where it never does. It is taken to
-        stand for `STAY` after its end.
+        depth in the room of movers, in the mean over what is looked at, 0 where it keeps out of it (it is taken to stand for
+        `STAY` after its end); and how close it comes to it before its end, counting the less the later, 0 to 1.
     """
     n = len(samples)
-    terms = np.zeros((n, 8))
-    room = rooms(movers, start[0], start[1])
-    whole = steps * dt + STAY + dt
+    terms = np.zeros((n, 9))
+    whole = steps * dt + STAY
     dv, dw = limits[0] * dt, limits[1] * dt
     for k in range(n):
         x, y, theta, v, w = start[0], start[1], start[2], start[3], start[4]
         total, nearest, way, turned, moved = 0.0, math.inf, 0.0, 0.0, 0.0
         ahead_x, ahead_y = x, y
         for i in range(steps):
-            v, w = toward(v, samples[k, 0], dv), toward(w, samples[k, 1], dw)
+            share = 1.0 if i < brake else 0.0
+            v, w = toward(v, share * samples[k, 0], dv), toward(w, share * samples[k, 1], dw)
             middle = theta + 0.5 * w * dt
             c, s = math.cos(middle), math.sin(middle)
             x, y, theta = x + v * dt * c, y + v * dt * s, theta + w * dt
@@ -119,8 +121,10 @@ def rollouts(
             if cost == math.inf:
                 terms[k, 0] = 1.0
                 break
-            if terms[k, 7] == 0.0 and meeting(movers, room, (i + 1) * dt, x, y):
-                terms[k, 7] = whole - (i + 1) * dt
+            if len(movers) > 0:
+                depth, closeness = encounter(movers, (i + 1) * dt, x, y)
+                terms[k, 7] += depth * dt / whole
+                terms[k, 8] = max(terms[k, 8], closeness * (1.0 - 0.5 * i / steps))
             total += min(cost, 252.0)
             way += abs(v * dt)
             turned += abs(w * dt)
@@ -130,8 +134,8 @@ def rollouts(
             if i == soon - 1:
                 dx, dy, c, s = goal[0] - x, goal[1] - y, math.cos(theta), math.sin(theta)
                 terms[k, 6] = abs(math.atan2(c * dy - s * dx, c * dx + s * dy))
-        if terms[k, 7] == 0.0 and terms[k, 0] == 0.0:
-            terms[k, 7] = max(0.0, whole - met_later(movers, room, steps * dt, STAY, 2.0 * dt, x, y))
+        if terms[k, 0] == 0.0:
+            terms[k, 7] += depth_later(movers, steps * dt, STAY, 2.0 * dt, x, y) * 2.0 * dt / whole
         terms[k, 1] = total / steps
         terms[k, 2] = math.sqrt(nearest)
         terms[k, 3] = path_distance(path, ahead_x, ahead_y)

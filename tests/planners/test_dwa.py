@@ -74,7 +74,7 @@ def test_a_twist_that_is_kept_leads_along_its_arc(v: float, omega: float, theta:
     limits, samples = np.array([16.0, 4.0]), np.array([[v / 0.05, omega]])
     path = np.array([[60.0, 60.0], [90.0, 60.0]])
     terms = rollouts(OPEN.data, start, limits, samples, 0.1, 20, np.empty((0, 2)), 2.7, 0.0, path, goal, 0.0, 5, NONE)[0]
-    collides, cost, near, off, way, turned, _, _ = terms
+    collides, cost, near, off, way, turned, *_ = terms
     assert (collides, cost) == (0.0, 0.0)
     assert near * 0.05 <= 1e-3
     assert way * 0.05 == pytest.approx(2.0 * v, abs=1e-9)
@@ -219,6 +219,10 @@ def test_candidates_and_choice_are_shown_twice_a_second() -> None:
             assert candidates.values is not None
             assert len(candidates.lines) == len(candidates.values) > 10
             np.testing.assert_allclose(chosen.lines[0][0], pose.position, atol=1e-9)
+            # Thinned for the recording, from the car on; the chosen one is drawn in full.
+            assert {line.shape for line in candidates.lines} == {(6, 2)}
+            np.testing.assert_allclose([line[0] for line in candidates.lines], [pose.position] * len(candidates.lines), atol=1e-9)
+            assert chosen.lines[0].shape == (21, 2)
         pose = pose @ command.twist.step(DT)
     assert shown == [0, 10, 20, 30]
 

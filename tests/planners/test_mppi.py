@@ -15,7 +15,7 @@ from planners import a_star, mppi
 from planners.collision import footprint_free
 from planners.costmap import Parameters as Inflation
 from planners.costmap import inflate
-from planners.moving_obstacles import NONE, meeting, met_later, rooms
+from planners.moving_obstacles import NONE
 from planners.mppi import MPPI, Parameters, _correlate, sample_costs
 from planners.navigator import plan_and_avoid
 from robocar.core import SE2, Drive, Goal, Path, Twist
@@ -145,23 +145,6 @@ def test_wrong_parameters_are_refused(name: str, value: object) -> None:
 
 
 # -- what moves ----------------------------------------------------------------------------------------------------------
-
-
-@settings(max_examples=100, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_discs_are_met_when_they_come_too_near(seed: int) -> None:
-    """Oracle: positions at fine steps; one that is too near already may not come nearer."""
-    rng = np.random.default_rng(seed)
-    discs = np.column_stack([rng.uniform(-20, 20, (3, 2)), rng.uniform(-6, 6, (3, 2)), rng.uniform(2, 8, 3)])
-    room = rooms(discs, 0.0, 0.0)
-    now = np.hypot(discs[:, 0], discs[:, 1])
-    assert (room <= np.minimum(discs[:, 4], now)).all()
-    times = np.arange(0.1, 4.05, 0.1)
-    distances = np.linalg.norm(discs[:, None, :2] + times[:, None] * discs[:, None, 2:4], axis=2)
-    near = (distances < room[:, None]).any(axis=0)
-    assert [meeting(discs, room, t, 0.0, 0.0) for t in times] == near.tolist()
-    first = met_later(discs, room, 0.0, 4.0, 0.1, 0.0, 0.0)
-    assert first == pytest.approx(times[np.argmax(near)] if near.any() else math.inf)
 
 
 def test_a_twist_is_a_twist() -> None:
