@@ -20,8 +20,9 @@ REACHABLE = 4e-15
 """Smallest component-wise residual that doubles reach in every cell: a mean of four and a division round by some 1e-16 each."""
 
 MAX_CYCLES = 60
-WARM_CYCLES = 20
-"""A warm start that takes longer started too far off (another way round, say): a first guess of its own is better then."""
+WARM_CYCLES, WARM_RESIDUAL = 20, 1e-2
+"""A warm start with a larger residual after so many cycles started too far off (another way round, say): a first guess of its
+own is better then."""
 
 MAX_FILL = 200_000_000
 NARROW, NARROW_FILL = 16.0, 24
@@ -105,8 +106,12 @@ def solve(
         w = _warm_field(problem, guess) if guess is not None else None
         if w is not None:
             cycles = levels.improve(w, tolerance, WARM_CYCLES)
+            residuals = cycles.residuals
+            if not cycles.converged and residuals[-1] < WARM_RESIDUAL:
+                cycles = levels.improve(w, tolerance, MAX_CYCLES - WARM_CYCLES)
+                residuals = np.concatenate([residuals, cycles.residuals])
             if cycles.converged:
-                return Potential(problem, w, None, "multigrid", cycles.residuals)
+                return Potential(problem, w, None, "multigrid", residuals)
         w = levels.first_guess()
         if w is not None:
             cycles = levels.improve(w, tolerance, MAX_CYCLES)
