@@ -23,11 +23,11 @@ from robocar.core import SE2, Costmap, Observation, Robot, Twist
 _MOMENT = 0.6  # [s] between two scans that are compared to see what moves
 _KEEP_OFF, _LOOK_AHEAD = 0.10, 1.0  # [m, s] the car does not get so near to what moves sooner than this
 _CREEP = 0.05  # [m/s] it goes no slower than this, lest it never arrives
-_HORIZON = 2.0  # [s] over which a twist is tried against what moves
+_HORIZON = 3.0  # [s] over which a twist is tried against what moves
 _TICK = 0.1  # [s] between two looks of a trial
 _NOT_YET = 0.2  # [s] how near something is before, no twist can change
 _TOUCHING = 0.02  # [m] an arc that is free no farther is none
-_BIN = 0.02  # [m] gaps that differ by less are the same
+_CHANGE = 0.03  # [m] of gap that it takes to go at another speed, than is wanted and than before
 _SPEEDS, _TURNS = (0.0, 0.5, 1.0, -1.0), (0.0, 0.4, -0.4, 0.8, -0.8)  # twists tried, as shares of the limits
 
 
@@ -51,6 +51,7 @@ class Movers:
         """A new episode."""
         self._followed.forget()
         self._discs = NONE
+        self._dodge: Twist | None = None
         self._recent: deque[tuple[float, Readings]] = deque()
         self.edges = np.empty((0, 2))
         """Leading edges of what moves, (n, 2) [m]."""
@@ -140,23 +141,28 @@ class Movers:
 
         A car that turns round on the spot, or creeps, in the way of something is run into. So of the slowed twist, the unslowed
         one, standing still, and arcs forward and back, as far as surfaces leave them free, that one is taken which keeps what
-        moves off; among equals the one nearest to what is wanted.
+        moves off, with some liking for what is wanted, and for what was done before: who changes his mind gets nowhere.
         """
         if self._gap(slowed, pose, math.inf) >= 0.0:
+            self._dodge = None
             return None
-        limits = self._robot.limits
         view = self._outlines.views(costmap, pose)[-1]
-        best, most = Twist(), (-math.inf, -math.inf)
+        before = self._dodge or wanted
+        best, most = Twist(), -math.inf
         for twist in (slowed, wanted, *self._candidates()):
             free = self._free(view, twist)
             if abs(twist.v) > 1e-6 and free <= _TOUCHING:
                 continue
-            gap = self._gap(twist, pose, free)
-            off = math.hypot((twist.v - wanted.v) / limits.max_vel_x, 0.5 * (twist.omega - wanted.omega) / limits.max_vel_theta)
-            value = min(math.floor(gap / _BIN), 0), -off
+            value = min(self._gap(twist, pose, free), 0.0) - _CHANGE * (self._off(twist, wanted) + self._off(twist, before))
             if value > most:
                 best, most = twist, value
+        self._dodge = best
         return best
+
+    def _off(self, a: Twist, b: Twist) -> float:
+        """How far two twists differ, 1 at the full speed or twice the fastest turn."""
+        limits = self._robot.limits
+        return math.hypot((a.v - b.v) / limits.max_vel_x, 0.5 * (a.omega - b.omega) / limits.max_vel_theta)
 
     def _candidates(self) -> list[Twist]:
         limits = self._robot.limits

@@ -12,7 +12,7 @@ from kinematic import DT, car
 from test_safe_direction import context, robot, room, scan
 
 from planners.safe_direction import build, build_with_memory
-from planners.safe_direction_movers import Movers, _least_gap
+from planners.safe_direction_movers import _HORIZON, Movers, _least_gap
 from planners.safe_direction_view import window
 from robocar.core import SE2, Belief, Costmap, Goal, Observation, Twist
 from robocar.estimation.no_mapper import NoMapper
@@ -26,7 +26,7 @@ def test_a_trial_keeps_the_distance_of_composed_poses(seed: int, v: float, omega
     pose = SE2(rng.uniform(-1.0, 1.0), rng.uniform(-1.0, 1.0), rng.uniform(-3.0, 3.0))
     discs = np.column_stack([rng.uniform(-2.0, 2.0, (3, 2)), rng.uniform(-0.3, 0.3, (3, 2)), rng.uniform(0.1, 0.4, 3)])
     least, at = math.inf, pose
-    for step in range(2001):
+    for step in range(round(1000 * _HORIZON) + 1):
         time = 1e-3 * step
         if step >= 200 and step % 100 == 0:
             away = discs[:, :2] + time * discs[:, 2:4] - at.position
