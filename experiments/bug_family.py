@@ -6,7 +6,9 @@ Das, Dutta and Debnath, IJEECS 18(3), 2020, claim both (sections 2 and 4; their 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 
@@ -16,11 +18,21 @@ import numpy as np
 
 from experiments._bug_worlds import BUGS, ROBOT, draw, scene_of, turns, worlds
 from robocar.experiment import Report, run_many
+from robocar.metrics import shortest_path_length
 from robocar.run import RunResult
+from robocar.sim.car import footprint
 
 SEEDS = 10
-TIME_LIMIT = 400.0  # [s]
+TIME_LIMIT = (60.0, 25.0, 400.0)  # [s], [s] more for each metre of the shortest way, [s] at most
 COLORS = dict(zip(BUGS, ("tab:red", "tab:blue", "tab:green", "tab:purple", "tab:brown", "tab:cyan", "tab:olive"), strict=True))
+
+
+def time_limit(world: Mapping[str, Any] | str) -> float:
+    """Of a run in this world [s]: about ten times what the shortest way takes, stops and turns with it."""
+    scene = scene_of(world)
+    shortest = shortest_path_length(scene.true_grid, footprint(), scene.start, scene.goal, scene.only_discs) or 0.0
+    base, slope, most = TIME_LIMIT
+    return min(base + slope * shortest, most)
 
 
 def main(out: Path, quick: bool = False) -> None:
@@ -32,7 +44,7 @@ def study(out: Path, seeds: int, ocpb_seeds: int, chosen: tuple[str, ...] | None
     """With this many seeds for all, and for `ocpb`; on all worlds, or those chosen by name."""
     places = {name: world for name, world in worlds(out / "maps").items() if chosen is None or name in chosen}
     cases = [(world, bug, k) for world in places for bug in BUGS for k in range(ocpb_seeds if bug == "ocpb" else seeds)]
-    settings = {**ROBOT, "time_limit": TIME_LIMIT}
+    limits = {name: time_limit(world) for name, world in places.items()}
     results = run_many(
         [
             {
@@ -40,7 +52,7 @@ def study(out: Path, seeds: int, ocpb_seeds: int, chosen: tuple[str, ...] | None
                 "navigator": bug,
                 "estimator": "truth",
                 "seed": k,
-                "settings": settings,
+                "settings": {**ROBOT, "time_limit": limits[world]},
                 "out": out / "runs",
                 "record": k == 0 and bug == "ocpb",
                 "force": True,
@@ -53,6 +65,8 @@ def study(out: Path, seeds: int, ocpb_seeds: int, chosen: tuple[str, ...] | None
         grouped.setdefault((world, bug), []).append(result)
     report = Report(out, "The bug family on the same worlds")
     _tables(report, grouped, list(places))
+    _failures(report, grouped)
+    report.say("Time limits [s]: " + ", ".join(f"{name} {limit:.0f}" for name, limit in limits.items()))
     report.write()
     columns = min(4, len(places))
     rows = -(-len(places) // columns)
@@ -135,6 +149,31 @@ def _tables(report: Report, grouped: dict[tuple[str, str], list[RunResult]], pla
         rows,
         "All worlds; below 1 ocpb is better. The paper claims fewer iterations and shorter ways than the rest of the family.",
     )
+
+
+def _failures(report: Report, grouped: dict[tuple[str, str], list[RunResult]]) -> None:
+    """Every run of `ocpb` that has not reached the goal, with why and where; of the others, how many for which reason."""
+    lines = []
+    for (world, bug), runs in grouped.items():
+        for seed, r in enumerate(runs):
+            if bug == "ocpb" and not r.success:
+                x, y, _ = r.truth.poses[-1]
+                lines.append(
+                    f"* {world}, seed {seed}: {r.status} after {r.value('duration'):.0f} s at ({x:.2f}, {y:.2f}): {r.reason}"
+                )
+    report.say("Runs of ocpb that have not reached the goal:\n\n" + "\n".join(lines) if lines else "ocpb has reached every goal.")
+    others = Counter(
+        (world, bug, r.status, _without_numbers(r.reason))
+        for (world, bug), runs in grouped.items()
+        for r in runs
+        if bug != "ocpb" and not r.success
+    )
+    rows = [(*key, count) for key, count in sorted(others.items())]
+    report.table(("world", "bug", "end", "reason", "runs"), rows, "Why the others have not.")
+
+
+def _without_numbers(reason: str) -> str:
+    return reason.partition(" at (")[0]
 
 
 def _ratio(result: RunResult) -> float | None:

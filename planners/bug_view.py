@@ -111,7 +111,7 @@ class View:
         return enough <= 0.0 or self.free_way(self.goal_heading, enough) >= enough
 
     def reachable(self, point: Array, slack: float = 0.0) -> bool:
-        """Whether the outline can drive straight to `point` (2,) and turn there; `slack`: with so much less room than usual [m]."""
+        """Whether the outline can drive straight to `point` (2,) and turn there; `slack`: with so much less room [m]."""
         (x, y), (px, py) = self.centre, point
         if room_at(self.hits, px, py) < self.circle.body + ROOM_TO_TURN - slack:
             return False

@@ -125,6 +125,11 @@ class Obstacles:
         """The obstacles of one set."""
         return [obstacle for obstacle in self.tracked if obstacle.kind is kind]
 
+    def outlines(self, ring: Array) -> Array:
+        """The circles around all that are followed; `ring`: points of a unit circle, (m, 2). (n, m, 2) [m]"""
+        table = self._rows.table
+        return table[:, None, kernel.X : kernel.Y + 1] + table[:, kernel.RADIUS, None, None] * ring
+
     def _value(self, row: Array) -> Tracked:
         return Tracked(
             int(row[kernel.NUMBER]),

@@ -6,17 +6,22 @@ coordinates, those of its goal, and what a range sensor shows all round.
 What the paper leaves open, and how it is decided here:
 
 * An obstacle is *in direction* if the virtual circle, less half the safety constant (the noise), would touch it anywhere on the
-  straight way to the goal that is in sight.
+  straight way to the goal that is in sight. The goal is then a sub-goal like others, nearer to itself than any: what keeps the
+  circle from it may let the outline pass.
 * Decisions are made standing, from the median of a few scans (the time spent on detecting, section 3.2), and checked at every
-  scan on the way: where a way turns out blocked or a gap too narrow, the robot stops and decides anew.
+  scan on the way: where a way turns out blocked or a gap too narrow, the robot stops and decides anew, with what it saw there.
 * SAFE_POINT asks all pairs of surface points on either side of the way, not open points alone (`bug_view.narrow_gap`), and that
-  the circle fits at its end.
+  the circle fits at its end. Where a near corner keeps the robot from a sub-goal it sees, it goes beside that corner first: for
+  a point it would not be in the way.
 * *The same set* of open points, from which sub-goals are not calculated twice: an open point at the same place whose free side
-  looks the same way.
+  looks the same way. At a grazing angle the end is somewhere between what one beam hits and the next would: a known end in that
+  stretch is the same, and keeps its place (`sub_goals.same_end`).
+* Critical points are ranked by their distance to the goal as in the paper, but those of ends that are not sure, and those that
+  the robot has driven by before, come after all others in sight. Else it follows walls to and fro, or goes back through doors.
 * D keeps the safe sub-goals that were seen and not visited. Where none of those in sight is left, the robot goes back along the
   points in T to where it saw the best that remains. Where there is none, it is `stuck`.
 * Ends of walls that are seen at too grazing an angle to be sure of are open points too, until it has driven past them: beside a
-  wall that it follows it sees no others.
+  wall that it follows it sees no others. They are none where an earlier look has seen the wall go on (`surfaces`).
 * Moving obstacles are not open points themselves; their virtual obstacles are. No way is taken on which a collision is predicted.
   Where no sub-goal is safe, or those beside virtual obstacles are farther from the goal than the robot, it waits if nothing comes
   towards it, else it gets out of the way, whatever the direction.
@@ -77,6 +82,10 @@ class Parameters:
                 raise ValueError(f"{name} must be positive, not {value}")
 
 
+_ANGLES = np.linspace(0.0, math.tau, 33)
+_RING = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
+
+
 class LegKind(Enum):
     """Why the robot drives."""
 
@@ -123,6 +132,7 @@ class OperativeCriticalPointBug:
         self.leg: Leg | None = None
         self._route: list[int] = []  # places on the way back, the next one last
         self._wanted = -1  # the sub-goal that it goes back for
+        self._blocking: list[tuple[Array, Array]] = []  # from where, and what was seen of it, a way turned out blocked
         self._surprises = 0  # goal ways that turned out blocked since the last progress
         self._closest = math.inf
         self.decisions = 0
@@ -157,6 +167,9 @@ class OperativeCriticalPointBug:
     def _decide(self, view: View) -> Move:
         """Lines 6 to 29 of MAIN."""
         self.seen.arrive(view.centre)
+        self._blocking = [(where, hits) for where, hits in self._blocking if math.dist(where, view.centre) < SAME]
+        if self._blocking:  # other beams hit what those of this look pass
+            view = replace(view, hits=np.concatenate([view.hits, *(hits for _, hits in self._blocking)]))
         self.seen.surfaces.remember(view.hits)
         if view.goal_distance < self._closest - SAME:
             self._closest, self._surprises = view.goal_distance, 0
@@ -315,6 +328,7 @@ class OperativeCriticalPointBug:
             free = True
         leg.flags = 0 if free else leg.flags + 1
         if leg.flags >= _FLAGS:
+            self._blocking.append((view.centre, view.hits))
             self._surprised(leg, "seen to be blocked")
             return False
         turning = abs(wrap_angle(view.heading_to(leg.target) - view.pose.theta)) > 0.5
@@ -377,13 +391,12 @@ class OperativeCriticalPointBug:
 
     def trace(self, view: View) -> dict[str, Drawable]:
         """Open points, sub-goals, critical point, virtual circle, d_min, obstacles that move, collisions, visited points."""
-        angles = np.linspace(0.0, math.tau, 33)
-        ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        ring = _RING
         moving = self.obstacles.dynamic
         drawn: dict[str, Drawable] = {
             "virtual_circle": Lines((view.centre + view.circle.radius * ring,), color=(60, 140, 220)),
             "d_min": Lines((np.array([view.centre, view.goal.position]),), color=(220, 40, 40)),
-            "obstacles": Lines(tuple(o.position + o.radius * ring for o in self.obstacles.tracked), color=(150, 150, 150)),
+            "obstacles": Lines(tuple(self.obstacles.outlines(ring)), color=(150, 150, 150)),
             "moving": Arrows(_array([o.position for o in moving]), _array([o.velocity for o in moving])),
             "collision": Points(_array([c.point for c in self.collisions]), color=(255, 0, 0), radius=0.04),
             "virtual_obstacle": Lines(

@@ -15,6 +15,7 @@ from robocar.core import Array
 SAME = 0.12  # [m] open points nearer to each other, and places, are one
 _SAME_SIDE = math.cos(math.radians(50.0))  # ... whose free sides look the same way
 _PASSED = 0.4  # [m] an end that was not sure is done with this near to the way driven
+_DRIVEN_BY, _RECENT = 0.35, 8  # [m] beside the way driven, but for so many of its last points (`SAME` apart)
 _AS_SHARP, _SHARP = 1.2, 0.02  # a look counts if its stretch is at most this much longer, [m]
 
 # What is kept of a sub-goal: its open point, that one's normal and side, the stretch in which it lies, whether it is sure; the
@@ -62,7 +63,7 @@ def consider(
             table[k, PLACE] = at
         out[found, _PX], out[found, _PY], out[found, _WX], out[found, _WY] = tx, ty, wx, wy
         out[found, DISTANCE], out[found, _NUMBER] = row[LEFT], k
-        out[found, LATER] = 0.0 if sure and not any_near(passed, tx, ty, SAME) else 1.0
+        out[found, LATER] = 1.0 if comes_later(passed, tx, ty, sure) else 0.0
         found += 1
     return out[:found], count
 
@@ -105,6 +106,13 @@ def off_stretch(end: Array, x: float, y: float) -> float:
 def visited(been: Array, passed: Array, x: float, y: float, sure: bool) -> bool:
     """Whether T holds the point; one whose open point was not sure is done with once the robot has passed near it."""
     return any_near(been, x, y, SAME) or (not sure and any_near(passed, x, y, _PASSED))
+
+
+@njit(cache=True)
+def comes_later(passed: Array, x: float, y: float, sure: bool) -> bool:
+    """Whether a sub-goal is tried only where no other is left: its end is not sure, or the robot has driven by before. By the end
+    that it is going round just now it has driven a moment ago: that does not count."""
+    return not sure or any_near(passed, x, y, SAME) or any_near(passed[:-_RECENT], x, y, _DRIVEN_BY)
 
 
 @njit(cache=True)

@@ -23,9 +23,8 @@ FORGET = 3.0  # [s] out of sight
 SETTLED = 0.25  # [s] of positions before motion is asked for
 
 PROVISIONAL, STATIONARY, PROVISIONALLY_DYNAMIC, DYNAMIC = range(4)
-(NUMBER, TIME, X, Y, VX, VY, RADIUS, KIND, EVIDENCE, FIRST_SEEN, LAST_SEEN, POSITIONS, LOOKS, AX, AY, BX, BY, START, STOP) = (
-    range(19)
-)
+NUMBER, TIME, X, Y, VX, VY, RADIUS, KIND, EVIDENCE, FIRST_SEEN, LAST_SEEN, POSITIONS, LOOKS = range(13)
+AX, AY, BX, BY, START, STOP = range(13, 19)  # its ends, its points
 COLUMNS = 19
 HISTORY = 32  # positions kept of an obstacle
 SURFACES = 16  # looks at an obstacle of which the points are kept

@@ -140,8 +140,8 @@ class Traverse:
     def candidates(
         self, view: View, open_points: Array, virtual: NDArray[np.bool_], threatened: bool, gap_tolerance: float
     ) -> list[Candidate]:
-        """Sub-goals of the open points in sight (rows of `open_point_rows`) that fit and are not visited, the best first; takes them
-        into SG and D.
+        """Sub-goals of the open points in sight (rows of `open_point_rows`) that fit and are not visited, the best first; takes
+        them into SG and D.
 
         Args:
             virtual: which of them belong to virtual obstacles; their sub-goals are not kept, and lead away from the goal only if
@@ -165,8 +165,8 @@ class Traverse:
         return None if math.isnan(way[0]) else np.array(way)
 
     def give_up_here(self) -> None:
-        """Those seen from this place last that are still open are not to be reached from where they were seen; those that have been
-        visited since are done with."""
+        """Those seen from this place last that are still open are not to be reached from where they were seen; those that have
+        been visited since are done with."""
         for row in self._table[: self._count]:
             if row[sg.OPEN] and (
                 int(row[sg.PLACE]) == self.at or sg.visited(self._been, self._passed, row[sg.TX], row[sg.TY], row[sg.SURE] > 0.0)
@@ -183,7 +183,7 @@ class Traverse:
             x, y = row[sg.TX : sg.TY + 1].tolist()
             if sg.visited(self._been, self._passed, x, y, row[sg.SURE] > 0.0):
                 continue
-            if sure and (not row[sg.SURE] or sg.any_near(self._passed, x, y, SAME)):
+            if sure and sg.comes_later(self._passed, x, y, row[sg.SURE] > 0.0):
                 continue
             points = [centre, *(self.places[i].point for i in reversed(self.way(int(row[sg.PLACE])))), (x, y)]
             length = sum(math.dist(a, b) for a, b in pairwise(points)) + float(row[sg.LEFT])

@@ -79,7 +79,7 @@ def test_one_that_stops_becomes_stationary() -> None:
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_kernel_follows_the_rules(seed: int) -> None:
-    """Oracle: the rules in plain Python (`tracking_reference`); boxes and movers that hide each other, scans left out; to the bit."""
+    """Oracle: the rules in plain Python (`tracking_reference`), to the bit; movers that hide each other, scans left out."""
     rng = np.random.default_rng(seed)
     data = np.zeros((200, 200), dtype=np.int8)
     for row, col, height, width in zip(*rng.integers(10, 180, (2, 8)), *rng.integers(2, 14, (2, 8)), strict=True):

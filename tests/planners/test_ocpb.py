@@ -150,7 +150,7 @@ def test_the_same_open_point_gives_one_subgoal() -> None:
 
 
 def test_an_end_seen_vaguely_is_the_one_known_better() -> None:
-    """A wall's end is somewhere in the next 0.6 m; it is the corner known to lie there, whose place stays. Beyond, it is another."""
+    """A wall's end is somewhere in the next 0.6 m: it is the corner known to lie there, whose place stays. Beyond: another."""
     seen, view = Traverse(), view_of(np.empty((0, 2)))
     seen.arrive(np.zeros(2))
     (sharp,) = candidates(seen, view, OpenPoint(np.array([2.0, 0.0]), 0.0, 2.0, 1))

@@ -1,4 +1,4 @@
-"""The rules of `planners.obstacle_tracking` for one obstacle after the other, in plain Python: what its kernel has to agree with."""
+"""The rules of `planners.obstacle_tracking`, one obstacle after the other, in plain Python: an oracle for its kernel."""
 
 from __future__ import annotations
 
