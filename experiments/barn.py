@@ -34,6 +34,8 @@ NAVIGATORS = (
     "a-star", "theta-star", "d-star-lite", "rrt-dwa", "a-star-dwa", "theta-star-dwa", "a-star-mppi", "safe-direction",
     "safe-direction-memory", "ocpb", "tangent-bug", "harmonic", "path-transform",
 )  # fmt: skip
+ALL_ROUND = ("ocpb", "tangent-bug")
+"""Those that need a laser all round: they get `scan360`."""
 TIME_LIMIT, SUCCESS_RADIUS = 100.0, 1.0  # [s], [m] of the challenge
 CHALLENGE_DWA = {"success": 0.88, "score": 0.169}
 """The challenge's own DWA example, with a Jackal."""
@@ -114,7 +116,12 @@ def main(out: Path, quick: bool = False) -> None:
     known = names("navigator")
     navigators = [name for name in (("a-star", "a-star-dwa", "rrt-dwa") if quick else NAVIGATORS) if name in known]
     fields, origin = courses(out / "worlds", quick)
-    jobs = [{"scenario": field.scenario, "navigator": navigator} for navigator in navigators for field in fields]
+    jobs = [
+        {"scenario": field.scenario, "navigator": navigator}
+        | ({"settings": {"robot.lidar": "scan360"}} if navigator in ALL_ROUND else {})
+        for navigator in navigators
+        for field in fields
+    ]
     done = iter(run_many(jobs))
     results = {navigator: [next(done) for _ in fields] for navigator in navigators}
     report = Report(out, "BARN: fields of cylinders without a map")
@@ -122,7 +129,8 @@ def main(out: Path, quick: bool = False) -> None:
         f"Worlds: {origin}. Success: within {SUCCESS_RADIUS:g} m of the goal, no contact, within {TIME_LIMIT:g} s. "
         "Score: S OT / clip(AT, 2 OT, 8 OT), OT = reference length / (2 m/s). The car is 0.20 x 0.18 m and drives at most "
         "0.4 m/s (the challenge's Jackal: 0.51 x 0.43 m, 2 m/s): ways are wider for it, and one as long as the reference cannot "
-        "score more than 0.4 / 2 = 0.2. Laser: 205 degrees, 5.6 m. The pose is known."
+        f"score more than 0.4 / 2 = 0.2. Laser: 205 degrees, 5.6 m; for {' and '.join(ALL_ROUND)}, which need one all round, 360 "
+        "degrees, 6 m. The pose is known."
     )
     _overall(report, fields, results)
     _what_is_difficult(report, fields, results)

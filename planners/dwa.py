@@ -53,7 +53,7 @@ from robocar.core import (
     Trace,
 )
 
-_DODGE = 0.8  # [s]
+_DODGE = 0.8  # [s] of an arc after which the car may also stop
 DRAWN, CORNERS = 40, 6  # candidates in the recording, and points of each
 DRAW_PERIOD = 0.5  # [s]
 LOCAL_COLOR = (44, 160, 44)

@@ -40,6 +40,7 @@ from robocar.core import (
 _PATH_EVERY = 3  # steps between two looks at the path, and one at the end
 _CREEP = 0.01  # [m/s, rad/s]
 _COLLISION = 100.0  # cost of a trajectory that collides, far above all others
+_FAR_WORSE = 5.0  # of costs: more than what trajectories differ by that touch nothing and meet nobody
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,8 +265,8 @@ class MPPI:
                 continue
             weights = np.exp((totals[best] - totals) / p.temperature)
             mean = np.tensordot(weights / weights.sum(), controls, axes=1)
-            # The mean of two ways round an obstacle leads into it: then the best sample counts alone.
-            if self._sample(view, local, mean, noise[:1], movers)[0][0] >= _COLLISION:
+            # The mean of two ways round an obstacle or a mover leads into it: then the best sample counts alone.
+            if self._sample(view, local, mean, noise[:1], movers)[0][0] > totals[best] + _FAR_WORSE:
                 mean = controls[best]
             last = steering.last
             creeping = max(abs(mean[0, 0]) * view.resolution, abs(mean[0, 1]), abs(last.v), abs(last.omega)) < _CREEP
