@@ -9,7 +9,9 @@ What the paper leaves open, and how it is decided here:
   if the far reading lies beyond what a straight continuation of the near surface predicts, by four standard deviations. Along a
   straight surface 1 / range is a linear combination of the bearing's cosine and sine, so the prediction is a linear fit. Where
   the reading agrees with the prediction the surface may go on, or end: such points are kept, marked as not `sure`.
-* Where between the last beam on the obstacle and the first off it the end lies: half-way, on the continuation of the surface.
+* Where between the last beam on the obstacle and the first off it the end lies: half-way, on the continuation of the surface. On
+  a wall seen at a grazing angle that is a long stretch, and of a face that one beam alone has met the direction is not known:
+  the stretch is kept with the point.
 * Lost beams (nan) are skipped; where more than two in a row are missing, what lies between is unknown and makes no open point.
 """
 
@@ -25,6 +27,7 @@ from numba import njit
 from robocar.core import SE2, Array, Footprint, Observation, ParameterError, Robot, Scan, frozen_array
 
 _SIGMAS = 4.0  # by which a reading must lie beyond the continued surface
+_ALONE = 1.5  # the same for the last beam before an end, which may be the only one on another face of a corner
 _FIT = 5  # beams of the near surface that are continued
 _MISSING = 3.5  # beam spacings: farther apart, neighbours do not speak of what lies between them
 _SAME_SURFACE = 0.05  # [m] beams whose ranges differ by less end on one surface
@@ -303,7 +306,7 @@ def _jumps(
         near, d, far = (i, near_i, near_j) if side == 1 else (j, near_j, near_i)
         if d <= 0.0:
             continue
-        sure, beyond = 1.0, d
+        sure, beyond, lone = 1.0, d, False
         edge, at = bearings[near] + 0.5 * side * between, d
         if thin:
             # The surface up to the jump, from the last beam backwards: as many beams as lie on one straight line.
@@ -316,6 +319,9 @@ def _jumps(
                 if abs(fit_b[m]) > m * apart:
                     break
                 m, k = m + 1, (k - side) % n
+            if m > 3:  # is the last beam alone on a face of its own?
+                straight, expected, spread, _ = _continued(fit_b[1:m], fit_r[1:m], 0.0, std)
+                lone = abs(1.0 / d - expected) > _ALONE * math.hypot(spread, std / (d * d))
             while m >= 2:
                 straight, expected, spread, half = _continued(fit_b[:m], fit_r[:m], side * between, std)
                 if straight:
@@ -340,6 +346,12 @@ def _jumps(
         row[0], row[1], row[2], row[3], row[4], row[5] = x + px, y + py, edge, at, side, sure
         row[6], row[7] = math.hypot(ax, ay), math.hypot(bx, by)
         row[8], row[9] = ((ax + bx) / length, (ay + by) / length) if length > 1e-9 else (0.0, 0.0)
+        if lone:  # which way that face goes one beam does not tell: it may end about as far away as it has begun
+            k = (near - side) % n
+            ax, ay = d * math.cos(bearings[near]), d * math.sin(bearings[near])
+            ax, ay = ax - ranges[k] * math.cos(bearings[k]), ay - ranges[k] * math.sin(bearings[k])
+            length = max(math.hypot(ax, ay), 1e-9)
+            row[7], row[8], row[9] = length, ax / length, ay / length
         count += 1
     return found[:count]
 
