@@ -10,7 +10,7 @@ import numpy as np
 from planners.bug_motion import Motion
 from planners.bug_view import Along, Move, Parameters, Stand, Strategy, To, View, first_free, free_way, narrow_gap, room_at
 from planners.navigator import Reactive
-from planners.open_points import Panorama, Surround, VirtualCircle, find_open_points
+from planners.open_points import Panorama, Surround, VirtualCircle, find_open_points, middle
 from robocar.core import (
     SE2,
     STOP,
@@ -28,6 +28,7 @@ from robocar.core import (
     Scalar,
     Text,
     Twist,
+    frozen_array,
     wrap_angle,
 )
 from robocar.core.trace import Drawable
@@ -163,8 +164,10 @@ def _warm_up(motion: Motion) -> None:
     first_free(points, 0.0, 0.0, 0.0, 1, 1.0, 0.1, 0.1, 0.1)
     for heading in (0.0, 2.0):
         motion.drive(SE2(), points, heading, 1.0, 0.1, 0.0)
-    panorama = Panorama(0.0, np.zeros(2), np.linspace(0.0, 6.0, 60), np.linspace(1.0, 6.0, 60), 6.0, 0.1)
-    find_open_points(panorama, 0.2, 0.01)
+    origin, bearings, ranges = (frozen_array(v) for v in (np.zeros(2), np.linspace(0.0, 6.0, 60), np.linspace(1.0, 6.0, 60)))
+    panorama = Panorama(0.0, origin, bearings, ranges, 6.0, 0.1)
+    panorama.hits()
+    find_open_points(middle([panorama, panorama]), 0.2, 0.01)
 
 
 def build_bug(context: Context, strategy: Strategy) -> Reactive:

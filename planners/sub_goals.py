@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from planners.bug_view import ROOM_TO_TURN, first_touched, free_way, narrow_gap, room_at
-from planners.surfaces import FREE, goes_on
+from planners.surfaces import FREE, Surfaces, goes_on
 from robocar.core import Array
 
 SAME = 0.12  # [m] open points nearer to each other, and places, are one
@@ -168,3 +168,7 @@ def warm_up() -> None:
             point, np.zeros(1, dtype=np.bool_), False, table, count, 0, nothing, nothing, surfaces, hits, 0.0, 0.0, 3.0, 0.0, 0.2,
             0.1, 0.15, 0.4,
         )  # fmt: skip
+    way_to(hits, nothing, 0.0, 0.0, 1.0, 0.5, 0.2, 0.1, 0.15, 0.4)
+    visited(nothing, nothing, 0.0, 0.0, True)
+    comes_later(nothing, 0.0, 0.0, True)
+    Surfaces().remember(np.zeros((4000, 2)))

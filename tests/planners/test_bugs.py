@@ -1,13 +1,15 @@
 """The bug family and what it shares. Oracles: brute force, published bounds, the world's own check of contact."""
 
+import gc
 import math
 
 import numpy as np
 import pytest
-from beams import Drives, drive, laser_car, scan_of
+from beams import Disc, Drives, drive, laser_car, scan_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kinematic import car, context
+from numba.core.registry import CPUDispatcher
 
 from planners.bug import Bug
 from planners.bug_view import Parameters, free_way, narrow_gap
@@ -135,6 +137,22 @@ def test_too_close_to_turn_it_backs_out_first_and_says_so(name: str) -> None:
     notes = [trace["bug"].message for trace in drives.traces if "bug" in trace]
     assert notes[0] == "too close to turn: backing out"
     assert drives.twists[np.flatnonzero([twist != Twist() for twist in drives.twists])[0]].v < 0.0
+
+
+@pytest.mark.parametrize("name", ["ocpb", "tangent-bug", "critical-point-bug"])
+def test_nothing_is_compiled_while_it_drives(name: str) -> None:
+    """Oracle: numba's own count of what it has compiled of the planners' kernels, before and after; boxes and a mover."""
+    world, mover = room((1.6, 0.8, 2.0, 1.6), (2.8, 1.3, 3.0, 2.6)), Disc((2.4, 0.3), (0.0, 0.2), 0.1)
+    bug = build("navigator", name, context(laser_car(), None, START))
+
+    def compiled() -> dict[str, int]:
+        kernels = [o for o in gc.get_objects() if isinstance(o, CPUDispatcher) and o.py_func.__module__.startswith("planners.")]
+        # The world checks contact with `footprint_free`.
+        return {o.py_func.__qualname__: len(o.signatures) for o in kernels if o.py_func.__name__ != "footprint_free"}
+
+    before = compiled()
+    assert len(drive(bug, world, START, GOAL, seconds=30, movers=[mover]).poses) > 50
+    assert compiled() == before
 
 
 def test_a_goal_with_a_heading_is_turned_to() -> None:
