@@ -29,7 +29,7 @@ from planners.laplace.relaxation import (
     spread,
     sweep,
 )
-from planners.laplace.weights import weigh, weigh_first
+from planners.laplace.weights import stale_nodes, stale_parents, weigh, weigh_first
 from robocar.core import Array
 
 DIRECT_SIZE = 400
@@ -91,7 +91,7 @@ class Multigrid:
                 relative = relative_residual(level, w)
                 if np.max(np.abs(relative)) < 0.03:
                     break
-                self._reweigh_from(k, w, conditioned=True)
+                self._reweigh_from(k, w, True, np.ones(level.size, np.uint8))
                 below = self.levels[k + 1]
                 coarse = restrict(level, below, relative)
                 multiply(w, self._correction(k + 1, coarse), level.parent)
@@ -106,7 +106,7 @@ class Multigrid:
         It gives up, with an infinite residual, where w leaves the range of doubles.
         """
         residuals = []
-        change = np.inf
+        e, change = None, np.inf
         first = self.levels[0]
         inverse_degree = self.problem.inverse_degree
         smooth(w, inverse_degree, 1)  # residuals are gathered after sweeps only
@@ -114,7 +114,7 @@ class Multigrid:
             if change > SETTLED:
                 if smallest(w, inverse_degree) <= SMALLEST:
                     return Cycles(np.array([*residuals, np.inf]), False)
-                self._reweigh(w, conditioned=True)
+                self._reweigh(w, True, e)
             right, worst = gather_residual(w, inverse_degree, self.parent, self.share, first.blocks)
             residuals.append(worst)
             if not np.isfinite(worst):
@@ -127,17 +127,24 @@ class Multigrid:
             smooth(w, inverse_degree, 2)
         return Cycles(np.array(residuals), False)
 
-    def _reweigh(self, w: Array, conditioned: bool) -> None:
+    def _reweigh(self, w: Array, conditioned: bool, e: Array | None = None) -> None:
+        """Weigh all levels with w; with the last relative corrections `e` of level 1 only where they were large."""
         first = self.levels[0]
-        weigh_first(w, self.problem.inverse_degree, self.parent, first, self.share, conditioned, loss_scale=2.0 / 3.0)
-        self._reweigh_from(0, np.ones(first.size), conditioned)
+        if e is None:
+            stale = np.ones(first.size, np.uint8)
+        else:
+            stale = stale_nodes(first.indptr, first.indices, e, 0.5 * SETTLED)
+        weigh_first(w, self.problem.inverse_degree, self.parent, first, self.share, conditioned, 2.0 / 3.0, stale)
+        self._reweigh_from(0, np.ones(first.size), conditioned, stale)
 
-    def _reweigh_from(self, k: int, w: Array, conditioned: bool) -> None:
-        for fine, coarse in zip(self.levels[k:-1], self.levels[k + 1 :], strict=True):
+    def _reweigh_from(self, k: int, w: Array, conditioned: bool, stale: NDArray) -> None:
+        for level in range(k, len(self.levels) - 1):
+            fine, coarse = self.levels[level], self.levels[level + 1]
+            stale = stale_parents(fine.parent, stale, coarse.size)
             # a wall beside a strip of 2^k cells lies (2^k + 1) / 2 from its middle: the conductance to it falls as the strip
             # widens
-            width = 2.0 ** (self.levels.index(fine) + 1)
-            weigh(fine, coarse, w, conditioned, (width + 1.0) / (2.0 * width + 1.0))
+            width = 2.0 ** (level + 1)
+            weigh(fine, coarse, w, conditioned, (width + 1.0) / (2.0 * width + 1.0), stale)
             w = np.ones(coarse.size)
         last = self.levels[-1]
         self._direct = eliminate(last.indptr, last.indices, last.probability, last.goal, last.loss, self._order)

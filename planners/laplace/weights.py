@@ -16,14 +16,37 @@ CHUNKS = 32
 """Pieces of a parallel loop. Pieces write to places of their own, so their order and number change no result."""
 
 
+@njit(cache=True)
+def stale_nodes(indptr, indices, e, limit):
+    """Nodes whose w, or a neighbour's, changes by more than `limit` of it, (n,) uint8."""
+    stale = np.zeros(len(e), np.uint8)
+    for i in range(len(e)):
+        if abs(e[i]) > limit:
+            stale[i] = 1
+            for a in range(indptr[i], indptr[i + 1]):
+                stale[indices[a]] = 1
+    return stale
+
+
+@njit(cache=True)
+def stale_parents(parent, stale, size):
+    """Nodes of the next level with a stale child, (size,) uint8."""
+    out = np.zeros(size, np.uint8)
+    for i in range(len(stale)):
+        if stale[i]:
+            out[parent[i]] = 1
+    return out
+
+
 def weigh_first(
-    w: Array, inverse_degree: Array, parent: NDArray, level: Level, share: NDArray, conditioned: bool, loss_scale: float
-) -> None:
-    """Set the walk of level 1: conditioned on w (loss 0), or with w = 1 the plain one that walls absorb."""
+    w: Array, inverse_degree: Array, parent: NDArray, level: Level, share: NDArray, conditioned: bool, loss_scale: float,
+    stale: NDArray,
+) -> None:  # fmt: skip
+    """Set the walk of level 1 at `stale` nodes: conditioned on w (loss 0), or with w = 1 the plain one that walls absorb."""
     kernel = _weigh_first_parallel if level.size > PARALLEL_SIZE else _weigh_first_serial
     kernel(
         w, inverse_degree, parent, level.blocks, level.indptr, level.indices, level.probability, level.goal, level.loss,
-        level.log_weight, share, conditioned, loss_scale,
+        level.log_weight, share, conditioned, loss_scale, stale,
     )  # fmt: skip
 
 
@@ -44,6 +67,7 @@ def _weigh_first(
     share,
     conditioned,
     loss_scale,
+    stale,
 ):
     cols, one = np.int64(w.shape[1]), np.uint64(1)
     field, degrees, parents, shares = w.ravel(), inverse_degree.ravel(), parent.ravel(), share.ravel()
@@ -51,6 +75,8 @@ def _weigh_first(
     inner = (0, cols, 1, cols + 1, 0, 1, cols, cols + 1)
     outer = (-1, cols - 1, 2, cols + 2, -cols, 1 - cols, 2 * cols, 2 * cols + 1)
     for node in range(begin_node, end_node):
+        if not stale[node]:
+            continue
         corner = (2 * blocks[node, 0] + 1) * cols + 2 * blocks[node, 1] + 1
         scale = 0.0 if conditioned else 1.0
         if conditioned:
@@ -117,7 +143,7 @@ def _weigh_first(
 
 @njit(cache=True)
 def _weigh_first_serial(
-    w, inverse_degree, parent, blocks, indptr, indices, probability, goal, loss, log_weight, share, conditioned, loss_scale
+    w, inverse_degree, parent, blocks, indptr, indices, probability, goal, loss, log_weight, share, conditioned, loss_scale, stale
 ):
     _weigh_first(
         0,
@@ -135,29 +161,30 @@ def _weigh_first_serial(
         share,
         conditioned,
         loss_scale,
+        stale,
     )
 
 
 @njit(cache=True, parallel=True)
 def _weigh_first_parallel(
-    w, inverse_degree, parent, blocks, indptr, indices, probability, goal, loss, log_weight, share, conditioned, loss_scale
+    w, inverse_degree, parent, blocks, indptr, indices, probability, goal, loss, log_weight, share, conditioned, loss_scale, stale
 ):
     n = len(blocks)
     for k in prange(CHUNKS):
         _weigh_first(
             n * k // CHUNKS, n * (k + 1) // CHUNKS,
             w, inverse_degree, parent, blocks, indptr, indices, probability, goal, loss, log_weight, share, conditioned,
-            loss_scale,
+            loss_scale, stale,
         )  # fmt: skip
 
 
-def weigh(fine: Level, coarse: Level, w: Array, conditioned: bool, loss_scale: float) -> None:
-    """Set the walk of `coarse` from that of `fine`, conditioned on w (n,) of `fine` (ones where it is conditioned already)."""
+def weigh(fine: Level, coarse: Level, w: Array, conditioned: bool, loss_scale: float, stale: NDArray) -> None:
+    """Set the walk of `coarse` at `stale` nodes from that of `fine`, conditioned on w (n,) of `fine` (ones: it is already)."""
     kernel = _weigh_parallel if coarse.size > PARALLEL_SIZE else _weigh_serial
     kernel(
         w, fine.parent, fine.indptr, fine.indices, fine.probability, fine.goal, fine.loss, fine.log_weight, fine.share,
         coarse.first_child, coarse.children, coarse.indptr, coarse.indices, coarse.probability, coarse.goal, coarse.loss,
-        coarse.log_weight, conditioned, loss_scale,
+        coarse.log_weight, conditioned, loss_scale, stale,
     )  # fmt: skip
 
 
@@ -165,9 +192,11 @@ def weigh(fine: Level, coarse: Level, w: Array, conditioned: bool, loss_scale: f
 def _weigh(
     begin_node, end_node, w, parent, indptr, indices, probability, goal, loss, log_weight, share,
     first_child, children, coarse_indptr, coarse_indices, coarse_probability, coarse_goal, coarse_loss, coarse_log_weight,
-    conditioned, loss_scale,
+    conditioned, loss_scale, stale,
 ):  # fmt: skip
     for node in range(begin_node, end_node):
+        if not stale[node]:
+            continue
         top = -np.inf
         largest = 0.0
         first, stop = np.uint32(first_child[node]), np.uint32(first_child[node + 1])
@@ -221,12 +250,12 @@ def _weigh(
 def _weigh_serial(
     w, parent, indptr, indices, probability, goal, loss, log_weight, share,
     first_child, children, coarse_indptr, coarse_indices, coarse_probability, coarse_goal, coarse_loss, coarse_log_weight,
-    conditioned, loss_scale,
+    conditioned, loss_scale, stale,
 ):  # fmt: skip
     _weigh(
         0, len(first_child) - 1, w, parent, indptr, indices, probability, goal, loss, log_weight, share,
         first_child, children, coarse_indptr, coarse_indices, coarse_probability, coarse_goal, coarse_loss, coarse_log_weight,
-        conditioned, loss_scale,
+        conditioned, loss_scale, stale,
     )  # fmt: skip
 
 
@@ -234,12 +263,12 @@ def _weigh_serial(
 def _weigh_parallel(
     w, parent, indptr, indices, probability, goal, loss, log_weight, share,
     first_child, children, coarse_indptr, coarse_indices, coarse_probability, coarse_goal, coarse_loss, coarse_log_weight,
-    conditioned, loss_scale,
+    conditioned, loss_scale, stale,
 ):  # fmt: skip
     n = len(first_child) - 1
     for k in prange(CHUNKS):
         _weigh(
             n * k // CHUNKS, n * (k + 1) // CHUNKS, w, parent, indptr, indices, probability, goal, loss, log_weight, share,
             first_child, children, coarse_indptr, coarse_indices, coarse_probability, coarse_goal, coarse_loss, coarse_log_weight,
-            conditioned, loss_scale,
+            conditioned, loss_scale, stale,
         )  # fmt: skip

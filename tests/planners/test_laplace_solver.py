@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from planners.laplace import LaplaceProblem, Multigrid, laplace_problem, solve
 from planners.laplace.elimination import dissection_order, eliminate
 from planners.laplace.relaxation import largest_residual
-from planners.laplace.solver import REACHABLE
+from planners.laplace.solver import REACHABLE, WARM_CYCLES, WARM_RESIDUAL
 from planners.laplace.warm import LARGEST_SHARE, MARGIN, warm_field, windows
 from robocar.core import GoalOccupied, NoPathFound, OutsideMap, ParameterError
 from robocar.formats.generated import cave, maze, rooms
@@ -285,6 +285,55 @@ def test_a_warm_start_is_solved_around_the_change_and_untouched_elsewhere() -> N
     cold, warm = solve(problem, 1e-10, method="multigrid"), solve(problem, 1e-10, method="multigrid", guess=old)
     assert relative_error(warm, solve(problem, 1e-13).w) < 1e-6
     assert len(warm.residuals) <= len(cold.residuals)
+
+
+def test_weights_are_renewed_where_w_has_changed_as_if_everywhere() -> None:
+    # oracle: all weights anew. Cells of a few nodes of level 1 change by up to a factor, others not at all
+    blocked, goal = two_rooms(120)
+    problem = laplace_problem(blocked, goal)
+    partly, wholly = Multigrid(problem), Multigrid(problem)
+    w = solve(problem, 1e-10, method="multigrid").mantissa.copy()
+    partly._reweigh(w, conditioned=True)
+    before = [level.probability.copy() for level in partly.levels]
+    e = np.zeros(partly.levels[0].size)
+    e[np.random.default_rng(2).choice(len(e), 40, replace=False)] = 0.7
+    inside = partly.parent >= 0
+    w[inside] *= 1.0 + e[partly.parent[inside]]
+    partly._reweigh(w, conditioned=True, e=e)
+    wholly._reweigh(w, conditioned=True)
+    assert len(partly.levels) >= 3
+    for some, every, old in zip(partly.levels, wholly.levels, before, strict=True):
+        assert np.array_equal(some.probability, every.probability)
+        assert np.array_equal(some.goal, every.goal)
+        assert np.array_equal(some.log_weight, every.log_weight)
+        assert np.array_equal(some.share, every.share)
+        assert not np.array_equal(some.probability, old)
+    assert np.array_equal(partly.share, wholly.share)
+
+
+def test_weights_of_a_walk_sum_to_one_and_fit_its_equations() -> None:
+    # oracle: level 1's walk conditioned on the exact w steps somewhere for certain, and has e = 1 as its solution
+    problem = laplace_problem(*two_rooms(64))
+    levels = Multigrid(problem)
+    levels._reweigh(solve(problem, 1e-13, method="multigrid").mantissa, conditioned=True)
+    for level in levels.levels:
+        rows = np.add.reduceat(level.probability, level.indptr[:-1])
+        np.testing.assert_allclose(rows + level.goal, 1.0, rtol=1e-12)
+        assert np.all(level.probability > 0)
+
+
+def test_a_slow_warm_start_goes_on() -> None:
+    # oracle: elimination. Among random obstacles, cycles gain a third of a digit each
+    blocked = np.random.default_rng(8).random((200, 200)) < 0.25
+    blocked[100, 100] = False
+    old = solve(laplace_problem(blocked, (100, 100)), 1e-10, method="multigrid")
+    changed = blocked.copy()
+    changed[60:80, 110:130] = True
+    problem = laplace_problem(changed, (100, 100))
+    warm = solve(problem, 1e-10, method="multigrid", guess=old)
+    assert len(warm.residuals) > WARM_CYCLES
+    assert warm.residuals[WARM_CYCLES] < WARM_RESIDUAL  # where a first guess would begin with about 1
+    assert relative_error(warm, solve(problem, method="elimination").w) < 1e-8
 
 
 @given(st.lists(st.tuples(st.integers(0, 199), st.integers(0, 149), st.integers(1, 25)), min_size=1, max_size=6))
