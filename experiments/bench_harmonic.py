@@ -116,6 +116,7 @@ def local_change(n: int, place: tuple[float, float], runs: int) -> tuple[float, 
     changed = blocked.copy()
     changed[row : row + 20, col : col + 20] = True
     begin, again = [], []
+    old = new = solve(laplace_problem(blocked, goal), TOLERANCE)
     for _ in range(runs):  # in turns, so that both see the machine alike
         seconds, old = timed(lambda: solve(laplace_problem(blocked, goal), TOLERANCE), 1)
         begin.append(seconds)
