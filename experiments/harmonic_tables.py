@@ -94,7 +94,7 @@ def main(out: Path, quick: bool = False) -> None:
                 report.number(f"case{case}/{name}/{n}/best_iterations", best.iterations, "1")
                 report.number(f"case{case}/{name}/{n}/best_seconds", best.seconds, "s")
                 if n == sizes[0]:
-                    curves[f"case {case} {name} fixed"], curves[f"case {case} {name} best"] = found.changes, best.changes
+                    curves[case, name, f"ω = {OMEGA}"], curves[case, name, "best ω"] = found.changes, best.changes
             seconds, potential = _fast(problem)
             rows.append(("multigrid", n, len(potential.residuals), seconds, None, None, None, None, None))
             report.number(f"case{case}/multigrid/{n}/seconds", seconds, "s")
@@ -152,14 +152,19 @@ def _future_work(report: Report) -> None:
     report.table(("method", "k", "t [s]"), rows, f"The paper's future work: case 1, N = 300, ω = {OMEGA}")
 
 
-def _draw(out: Path, curves: dict[str, NDArray[np.float64]]) -> None:
+def _draw(out: Path, curves: dict[tuple[int, str, str], NDArray[np.float64]]) -> None:
     out.mkdir(parents=True, exist_ok=True)
-    figure, axes = plt.subplots(figsize=(8, 5))
-    for name, changes in curves.items():
+    figure, panels = plt.subplots(1, 2, figsize=(11, 4.5), sharex=True, sharey=True)
+    colors = dict(zip(SCHEMES.values(), ("C0", "C1", "C2"), strict=True))
+    for (case, name, omega), changes in curves.items():
         seen = np.flatnonzero(np.isfinite(changes))
-        axes.semilogy(seen + 1, changes[seen], label=name, lw=1)
-    axes.set(xlabel="iteration", ylabel="largest change", title="convergence at the smallest N", xscale="log")
-    axes.legend(fontsize=6, ncol=2)
+        style = "--" if omega == "best ω" else "-"
+        panels[case - 1].semilogy(seen + 1, changes[seen], style, color=colors[name], label=f"{name}, {omega}", lw=1)
+    for case, axes in enumerate(panels, start=1):
+        axes.set(xlabel="iteration", title=f"case {case}, N = {SIZES[0]}", xscale="log")
+        axes.legend(fontsize=7)
+    panels[0].set_ylabel("largest change")
+    figure.tight_layout()
     figure.savefig(out / "convergence.png", dpi=130)
     plt.close(figure)
 
