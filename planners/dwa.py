@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from planners import costmap as layered
 from planners.costmap import safe_cost
 from planners.grid_search import LazyTrace
-from planners.moving_obstacles import MovingObstacles, met, near
+from planners.moving_obstacles import MovingObstacles, met, near, threatens
 from planners.outlines import Outlines, View
 from planners.steering import SLOWEST, Steering
 from planners.steering import Parameters as SteeringParameters
@@ -35,6 +35,7 @@ from planners.trajectory_costs import (
     LocalPath,
     PathFollower,
     drawn,
+    here,
     rollouts,
 )
 from robocar.core import (
@@ -44,6 +45,7 @@ from robocar.core import (
     Command,
     Context,
     Costmap,
+    Drive,
     Goal,
     Lines,
     Observation,
@@ -176,15 +178,30 @@ class DynamicWindow:
         movers = self._movers.discs(views[0], costmap, observation.time)
         if len(movers) == 0 and (turn := self._steering.to_path(views, local.bearing)) is not None:
             return turn
+        return self._choice(views, local, movers, costmap, observation.time) or self._steering.stuck(observation.time)
+
+    def evade(self, belief: Belief, costmap: Costmap | None, observation: Observation) -> Drive | None:
+        """A twist out of the way of what comes, for whoever else drives or lets the car stand; None where nothing comes."""
+        pose = belief.pose
+        self._movers.update(pose, observation)
+        views = self._outlines.views(costmap, pose)
+        movers = self._movers.discs(views[0], costmap, observation.time)
+        if not threatens(movers, views[0]):
+            return None
+        self._steering.resume(observation.time)
+        return self._choice(views, here(views[0]), movers, costmap, observation.time)
+
+    def _choice(self, views: list[View], local: LocalPath, movers: Array, costmap: Costmap | None, time: float) -> Drive | None:
+        """The cheapest of the samples; None where none is admissible."""
         for view in views:
             samples = self._window(local, view, movers)
             scores = self._best_scores(view, local, samples, movers)
             best = int(np.argmin(scores))
             if scores[best] < math.inf:
                 self._steering.found()
-                trace = self._trace(view, local, samples, scores, best, costmap, observation.time)
+                trace = self._trace(view, local, samples, scores, best, costmap, time)
                 return self._steering.drive(samples[best, 0] * view.resolution, samples[best, 1], trace)
-        return self._steering.stuck(observation.time)
+        return None
 
     def _window(self, local: LocalPath, view: View, movers: Array) -> Array:
         """The twists of V_s and V_d, (vx_samples * vtheta_samples, 2) [cells/s, rad/s]."""

@@ -23,6 +23,7 @@ NONE = np.empty((0, 5))
 _MEETING, _DEPTH = 10.0, 50.0  # above all other costs: it enters their room only where all do, and then as little as can be
 _CLOSE = 1.0
 _CHANGED = 0.12  # [m/s] of difference are another velocity: it turns or stops
+_THREAT = 3.0  # [s] that it may stand
 _SLOW = 0.08  # [m/s] of what has moved before: is no motion
 _WINDOW, _RECENT = 1.05, 0.35  # [s]
 
@@ -40,6 +41,7 @@ class MovingObstacles:
         self.forget()
         # Compiled here, not in the control loop.
         encounter(np.array([[1.0, 0.0, 0.0, 0.0, 0.1]]), 0.0, 0.0, 0.0)
+        depth_later(np.array([[1.0, 0.0, 0.0, 0.0, 0.1]]), 0.0, 0.0, 0.2, 0.0, 0.0)
         met(0.0, 0.0)
 
     def forget(self) -> None:
@@ -139,6 +141,11 @@ def _line(places: Array, time: float) -> tuple[float, float, float, float]:
 def near(discs: Array, view: View) -> bool:
     """Whether the robot is in the room of one of the discs, or within half of it."""
     return len(discs) > 0 and encounter(discs, 0.0, view.x, view.y)[1] > 0.5
+
+
+def threatens(discs: Array, view: View) -> bool:
+    """Whether one of the discs comes into its room while the robot stands."""
+    return len(discs) > 0 and depth_later(discs, 0.0, _THREAT, 0.2, view.x, view.y) > 0.0
 
 
 @njit(cache=True)

@@ -17,11 +17,11 @@ from planners import costmap as layered
 from planners.costmap import safe_cost
 from planners.dwa import DRAW_PERIOD, DRAWN, LOCAL_COLOR, thinned
 from planners.grid_search import LazyTrace
-from planners.moving_obstacles import STAY, MovingObstacles, depth_later, encounter, met, near
+from planners.moving_obstacles import STAY, MovingObstacles, depth_later, encounter, met, near, threatens
 from planners.outlines import Outlines, View
 from planners.steering import SLOWEST, Steering
 from planners.steering import Parameters as SteeringParameters
-from planners.trajectory_costs import LocalPath, PathFollower, outline_cost, path_distance, toward
+from planners.trajectory_costs import LocalPath, PathFollower, here, outline_cost, path_distance, toward
 from robocar.core import (
     SE2,
     Array,
@@ -29,6 +29,7 @@ from robocar.core import (
     Command,
     Context,
     Costmap,
+    Drive,
     Goal,
     Lines,
     Observation,
@@ -122,6 +123,7 @@ def sample_costs(
     totals, controls = np.empty(n), np.empty((n, steps, 2))
     dv, dw = limits[0] * dt, limits[1] * dt
     whole = steps * dt + STAY
+    close_now = encounter(movers, 0.0, start[0], start[1])[1]
     for k in range(n):
         x, y, theta, v, w = start[0], start[1], start[2], start[3], start[4]
         cost_sum, path_sum, slow_sum, noise_sum, moved = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -148,7 +150,7 @@ def sample_costs(
             if len(movers) > 0:
                 depth, closeness = encounter(movers, (i + 1) * dt, x, y)
                 depth_sum += depth * dt / whole
-                close = max(close, closeness * (1.0 - 0.5 * i / steps))
+                close = max(close, closeness * (1.0 - 0.5 * i / steps) - close_now)
             cost_sum += min(cost, 252.0)
             slow_sum += (limits[4] / max(v, limits[4])) ** 2
             ahead_x, ahead_y = x + forward * c, y + forward * s
@@ -255,6 +257,24 @@ class MPPI:
         if turn is not None:
             self._mean[:] = 0.0
             return turn
+        command = self._choice(views, local, movers, costmap, observation.time)
+        return command or steering.stuck(observation.time)
+
+    def evade(self, belief: Belief, costmap: Costmap | None, observation: Observation) -> Drive | None:
+        """A twist out of the way of what comes, for whoever else drives or lets the car stand; None where nothing comes."""
+        pose = belief.pose
+        self._movers.update(pose, observation)
+        views = self._outlines.views(costmap, pose)
+        movers = self._movers.discs(views[0], costmap, observation.time)
+        if not threatens(movers, views[0]):
+            return None
+        if self._steering.resume(observation.time):
+            self._mean[:] = 0.0
+        return self._choice(views, here(views[0]), movers, costmap, observation.time)
+
+    def _choice(self, views: list[View], local: LocalPath, movers: Array, costmap: Costmap | None, time: float) -> Drive | None:
+        """The weighted mean of the samples; None where all collide, or where to stand is best and nothing moves."""
+        p, steering = self.parameters, self._steering
         noise = self._rng.standard_normal((p.batch_size, p.time_steps, 2))
         _correlate(noise, p.noise_correlation)
         noise[0] = 0.0  # the last plan goes on
@@ -271,16 +291,14 @@ class MPPI:
             last = steering.last
             creeping = max(abs(mean[0, 0]) * view.resolution, abs(mean[0, 1]), abs(last.v), abs(last.omega)) < _CREEP
             if creeping and not len(movers):
-                return steering.stuck(observation.time)  # to stand is no way to the goal
+                return None  # to stand is no way to the goal
             steering.found()
-            trace = self._trace(view, totals, controls, mean, costmap, observation.time)
+            trace = self._trace(view, totals, controls, mean, costmap, time)
             command = steering.drive(mean[0, 0] * view.resolution, mean[0, 1], trace)
             self._mean = self._shifted(mean * (view.resolution, 1.0))
             return command
         self._mean[:] = 0.0
-        if len(movers):
-            return steering.drive(0.0, 0.0)  # until it has passed
-        return steering.stuck(observation.time)
+        return steering.drive(0.0, 0.0) if len(movers) else None  # until it has passed
 
     def _sample(self, view: View, local: LocalPath, mean: Array, noise: Array, movers: Array) -> tuple[Array, Array]:
         """`sample_costs` in the view; `mean` (steps, 2) in cells per second."""

@@ -152,6 +152,8 @@ class PlanAndFollow:
         if self._watch is not None and (silent := self._watch.silent(observation)):
             self._watch.restart()
             return standing(f"no reading of the {silent}: standing")
+        if self.recovery is not None and self.recovery.running and (evasion := self._evasion(belief, observation)) is not None:
+            return evasion
         if self.recovery is not None and (step := self.recovery.step(pose, self._local(), observation.time)) is not None:
             return step
         trace: Trace = {}
@@ -178,6 +180,11 @@ class PlanAndFollow:
             self._shown_at = observation.time
             trace = _merged(trace, {"costmap/local": Field(self._local())})
         return replace(command, trace=_merged(trace, command.trace)) if trace else command
+
+    def _evasion(self, belief: Belief, observation: Observation) -> Command | None:
+        """Out of the way of something that comes during a recovery, which goes on afterwards, if the local planner knows how."""
+        evade = getattr(self.local_planner, "evade", None)
+        return None if evade is None else evade(belief, self._local(), observation)
 
     def _local(self) -> Costmap:
         """What the local planner is given."""

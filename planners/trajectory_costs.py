@@ -97,11 +97,12 @@ def rollouts(
         distance to the goal; distance of the end from the path; way until it ends or collides; angle turned until then [rad];
         angle between the heading after step `soon` and the direction of the goal [rad];
         depth in the room of movers, in the mean over what is looked at, 0 where it keeps out of it (it is taken to stand for
-        `STAY` after its end); and how close it comes to it before its end, counting the less the later, 0 to 1.
+        `STAY` after its end); and how much closer than now it comes to it before its end, counting the less the later, 0 to 1.
     """
     n = len(samples)
     terms = np.zeros((n, 9))
     whole = steps * dt + STAY
+    close_now = encounter(movers, 0.0, start[0], start[1])[1]
     dv, dw = limits[0] * dt, limits[1] * dt
     for k in range(n):
         x, y, theta, v, w = start[0], start[1], start[2], start[3], start[4]
@@ -124,7 +125,7 @@ def rollouts(
             if len(movers) > 0:
                 depth, closeness = encounter(movers, (i + 1) * dt, x, y)
                 terms[k, 7] += depth * dt / whole
-                terms[k, 8] = max(terms[k, 8], closeness * (1.0 - 0.5 * i / steps))
+                terms[k, 8] = max(terms[k, 8], closeness * (1.0 - 0.5 * i / steps) - close_now)
             total += min(cost, 252.0)
             way += abs(v * dt)
             turned += abs(w * dt)
@@ -173,6 +174,12 @@ class LocalPath:
     goal: Array
     bearing: float
     left: float
+
+
+def here(view: View) -> LocalPath:
+    """Nowhere to go: for a robot that only gets out of the way."""
+    place = np.array([view.x, view.y])
+    return LocalPath(place[None], place, 0.0, 1.0 / view.resolution)
 
 
 @njit(cache=True)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -11,10 +12,12 @@ from hypothesis import strategies as st
 from kinematic import context
 
 from planners import a_star, dwa, mppi
+from planners.dwa import DynamicWindow
 from planners.moving_obstacles import MovingObstacles, courses, depth_later, encounter, met, near
+from planners.mppi import MPPI
 from planners.navigator import plan_and_avoid
 from planners.outlines import View
-from robocar.core import OCCUPIED, SE2, Array, Goal, Observation, OccupancyGrid, Twist
+from robocar.core import OCCUPIED, SE2, STOP, Array, Belief, Drive, Goal, Observation, OccupancyGrid, Twist
 
 OPEN = OccupancyGrid(np.zeros((160, 160), dtype=np.int8), 0.05)
 NOWHERE = View(np.zeros((1, 1), dtype=np.uint8), 1.0, 0.0, 0.0, 0.0, None)  # in which discs are given in metres
@@ -136,14 +139,52 @@ AISLE[:67], AISLE[93:] = OCCUPIED, OCCUPIED  # 1.3 m wide, its middle at y = 4.0
     ],
 )
 def test_a_mover_that_gives_way_to_nobody_is_never_touched(
-    start: tuple[float, float], velocity: tuple[float, float], world: OccupancyGrid, local: object
+    start: tuple[float, float], velocity: tuple[float, float], world: OccupancyGrid, local: ModuleType
 ) -> None:
     """Oracle: exact distance of the outline to the disc at every half tick; the car reaches its goal beyond."""
     robot = laser_car()
     setting = replace(context(robot, world), control_period=PERIOD)
-    navigator = plan_and_avoid(setting, a_star.build, local.build)  # type: ignore[attr-defined]
+    navigator = plan_and_avoid(setting, a_star.build, local.build)
     result = drive(
         navigator, world, SE2(1.0, 4.0), Goal(np.array([7.0, 4.0])), movers=[Disc(start, velocity, 0.15)], seconds=60.0
     )
     assert result.status == "success", result.reason
+    assert result.closest > 0.02
+
+
+class Waits:
+    """Stands, as a recovery does, and lets the local planner get out of the way."""
+
+    def __init__(self, local: DynamicWindow | MPPI) -> None:
+        self.local = local
+
+    def command(self, belief: Belief, mapper: object, observation: Observation, goal: Goal) -> Drive:
+        return self.local.evade(belief, None, observation) or STOP
+
+
+@pytest.mark.parametrize("local", [dwa, mppi])
+@pytest.mark.parametrize(("start", "comes"), [((6.5, 4.05), True), ((6.5, 5.5), False)])
+def test_a_car_that_waits_gets_out_of_the_way_of_what_comes_only(
+    start: tuple[float, float], comes: bool, local: ModuleType
+) -> None:
+    """Oracle: exact distance to a disc that would touch it, or would pass 1.3 m beside it."""
+    planner = local.build(replace(context(laser_car(), None), control_period=PERIOD))
+    mover = Disc(start, (-0.3, 0.0), 0.15)
+    result = drive(Waits(planner), OPEN, SE2(4.0, 4.0), Goal(np.array([9.0, 9.0])), movers=[mover], seconds=14.0)
+    assert result.status == "timeout", result.reason
+    assert result.closest > 0.02
+    assert any(twist != Twist() for twist in result.twists) == comes
+    assert result.twists[-1] == Twist()
+
+
+@pytest.mark.parametrize("local", [dwa, mppi])
+def test_a_recovery_gives_way_to_what_comes_and_goes_on(local: ModuleType) -> None:
+    """Oracle: exact distance; the goal is blocked by something that stands on it, so the navigator waits and turns."""
+    robot, goal = laser_car(), Goal(np.array([5.0, 4.0]))
+    setting = replace(context(robot, OPEN), control_period=PERIOD)
+    navigator = plan_and_avoid(setting, a_star.build, local.build)
+    movers = [Disc((5.0, 4.0), (0.0, 0.0), 0.15), Disc((4.3, 9.5), (0.0, -0.3), 0.15)]
+    result = drive(navigator, OPEN, SE2(2.5, 4.0), goal, movers=movers, seconds=30.0)
+    assert result.status == "timeout", result.reason
+    assert any("recovery" in trace for trace in result.traces)
     assert result.closest > 0.02
