@@ -100,10 +100,11 @@ class Multigrid:
         smooth(field_, self.problem.inverse_degree, 2)
         return field_
 
-    def improve(self, w: Array, tolerance: float, max_cycles: int) -> Cycles:
+    def improve(self, w: Array, tolerance: float, max_cycles: int, local: bool = False) -> Cycles:
         """Bring the guess `w`, padded, to |mean of neighbours - w| / w <= tolerance in every cell, in place.
 
-        It gives up, with an infinite residual, where w leaves the range of doubles.
+        It gives up, with an infinite residual, where w leaves the range of doubles. With `local`, w is about right in most places
+        (a warm start), and coarse weights are renewed only where it still moves.
         """
         residuals = []
         e, change = None, np.inf
@@ -114,7 +115,7 @@ class Multigrid:
             if change > SETTLED:
                 if smallest(w, inverse_degree) <= SMALLEST:
                     return Cycles(np.array([*residuals, np.inf]), False)
-                self._reweigh(w, True, e)
+                self._reweigh(w, True, e if local else None)
             right, worst = gather_residual(w, inverse_degree, self.parent, self.share, first.blocks)
             residuals.append(worst)
             if not np.isfinite(worst):

@@ -105,10 +105,10 @@ def solve(
         levels = Multigrid(problem) if multigrid is None else multigrid
         w = _warm_field(problem, guess) if guess is not None else None
         if w is not None:
-            cycles = levels.improve(w, tolerance, WARM_CYCLES)
+            cycles = levels.improve(w, tolerance, WARM_CYCLES, local=True)
             residuals = cycles.residuals
             if not cycles.converged and residuals[-1] < WARM_RESIDUAL:
-                cycles = levels.improve(w, tolerance, MAX_CYCLES - WARM_CYCLES)
+                cycles = levels.improve(w, tolerance, MAX_CYCLES - WARM_CYCLES, local=True)
                 residuals = np.concatenate([residuals, cycles.residuals])
             if cycles.converged:
                 return Potential(problem, w, None, "multigrid", residuals)
