@@ -1,4 +1,9 @@
-"""Obstacles that move, as discs with velocities, for local planners that look a few seconds ahead."""
+"""Obstacles that move, as discs with velocities, for local planners that look a few seconds ahead.
+
+Around each disc some room is kept free. A trajectory that enters it costs more than any that does not, and the more, the deeper
+and the longer; so where all do, that one is chosen which gives way best, or stands. To come closer to it than now costs a little,
+so that the car dodges early instead of late.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +25,8 @@ STAY = 2.0
 """For so long a trajectory must not be met after its end, where the robot stands [s]: it may not end in the way of a mover."""
 
 NONE = np.empty((0, 5))
-_MEETING, _DEPTH = 10.0, 50.0  # above all other costs: it enters their room only where all do, and then as little as can be
-_CLOSE = 1.0
+_MEETING, _DEPTH = 10.0, 50.0  # costs of entering their room, far above all others
+_CLOSE = 1.0  # cost of coming up to it from afar
 _CHANGED = 0.12  # [m/s] of difference are another velocity: it turns or stops
 _THREAT = 3.0  # [s] that it may stand
 _SLOW = 0.08  # [m/s] of what has moved before: is no motion
@@ -105,7 +110,8 @@ def _centre(panorama: Panorama, obstacle: Tracked) -> tuple[float, float]:
     start = math.atan2(ay, ax)
     span = (math.atan2(by, bx) - start) % math.tau
     its = (panorama.bearings - start + 1e-6) % math.tau <= span + 2e-6
-    nearest, away = float(np.nanmin(panorama.ranges[its])), math.hypot(ax + bx, ay + by)
+    away = math.hypot(ax + bx, ay + by)
+    nearest = float(np.nanmin(panorama.ranges[its], initial=0.5 * away))
     share = (nearest + obstacle.radius) / away if away > 0.0 else 0.0
     return float(panorama.origin[0]) + share * (ax + bx), float(panorama.origin[1]) + share * (ay + by)
 
@@ -150,7 +156,7 @@ def threatens(discs: Array, view: View) -> bool:
 
 @njit(cache=True)
 def met(depth, close):
-    """Cost of an encounter with movers, of numbers or arrays: see `rollouts`."""
+    """Cost of an encounter with movers, of numbers or arrays: mean depth, and how much closer than now (`rollouts`)."""
     return _MEETING * (depth > 0.0) + _DEPTH * depth + _CLOSE * close
 
 

@@ -117,6 +117,20 @@ def test_what_stands_is_none_and_a_new_episode_knows_nothing() -> None:
     assert len(moving.discs(NOWHERE, None, 2.0)) == 0
 
 
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_scans_of_any_sort_give_finite_discs(seed: int) -> None:
+    """Property: a mover seen through beams that are lost, empty, zero or negative."""
+    rng, robot = np.random.default_rng(seed), laser_car()
+    moving = MovingObstacles(robot)
+    for k in range(20):
+        scan = scan_of(robot, OPEN, SE2(4.0, 4.0), 0.1 * k, [Disc((5.0, 3.6), (0.0, 0.3), 0.15)], rng)
+        ranges = np.array(scan.ranges)
+        ranges[rng.random(len(ranges)) < 0.02 * rng.integers(4)] = rng.choice([0.0, -0.1, np.nan, np.inf])
+        moving.update(SE2(4.0, 4.0), Observation(0.1 * k, lidar=replace(scan, ranges=ranges)))
+        assert np.isfinite(moving.discs(NOWHERE, None, 0.1 * k)).all()
+
+
 def test_near_is_within_one_and_a_half_rooms() -> None:
     discs = np.array([[1.0, 0.0, 0.0, 0.0, 0.4]])
     for x, expected in ((0.39, False), (0.41, True), (0.9, True), (1.59, True), (1.61, False)):
