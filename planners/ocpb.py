@@ -54,7 +54,7 @@ _EVADE = (0.3, 0.5, 0.8, 1.2)  # [m]
 _PAUSE = 4.0  # [s] that nothing comes to a critical point
 _STAY = 8.0  # [s] that nothing comes to where it has got out of the way
 _FLAGS = 3  # scans in a row that have to say that a way is blocked
-_SLACK = 1.0 / 6.0  # of the safety constant, by which single scans, noisier than those of a decision, may find less room
+_SLACK = 0.5  # of the safety constant, by which single scans, noisier than those of a decision, may find less room
 _TRIES = 4  # a way that was called free and turned out blocked this often is blocked
 
 
@@ -185,6 +185,9 @@ class OperativeCriticalPointBug:
         if self.collisions:
             self._news.append("waits for a moving obstacle")
             return Stand()
+        if self._blocking:  # by the noise of single scans, perhaps: one more look, without them
+            self._blocking = []
+            return Stand()
         back = self._back(view)
         if back is not None:
             return self._go(back)
@@ -250,11 +253,12 @@ class OperativeCriticalPointBug:
                 break
         if self._route and math.dist(self.seen.places[self._route[-1]].point, view.centre) < SAME:
             self._route.pop()
-        kind = LegKind.BACK if self._route else LegKind.CRITICAL
-        target = self.seen.places[self._route[-1]].point if self._route else self.seen.target(self._wanted)
-        fits = kind is LegKind.BACK or self._fits(view, target, 1.0)
-        if fits and self._surprises < _TRIES:
-            return Leg(kind, target, self._wanted) if self._is_safe(view, target, kind) else None
+        if self._route:
+            kind, way = LegKind.BACK, self.seen.places[self._route[-1]].point
+        else:
+            kind, way = LegKind.CRITICAL, self.seen.way_to(view, self.seen.target(self._wanted), 0.0)
+        if way is not None and self._surprises < _TRIES:
+            return Leg(kind, way, self._wanted) if self._is_safe(view, way, kind) else None
         self.seen.close(self._wanted)
         self._wanted, self._route, self._surprises = -1, [], 0
         return self._critical_point(view)
