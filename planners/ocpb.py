@@ -18,8 +18,9 @@ What the paper leaves open, and how it is decided here:
   stretch is the same, and keeps its place (`sub_goals.same_end`).
 * Critical points are ranked by their distance to the goal as in the paper, but those of ends that are not sure, and those that
   the robot has driven by before, come after all others in sight. Else it follows walls to and fro, or goes back through doors.
-* D keeps the safe sub-goals that were seen and not visited. Where none of those in sight is left, the robot goes back along the
-  points in T to where it saw the best that remains. Where there is none, it is `stuck`.
+* D keeps the safe sub-goals that were seen and not visited. Where none of those in sight is left, the robot looks a few times
+  more, as noise may keep it from one, and then goes back along the points in T to where it saw the best that remains. Where
+  there is none, it is `stuck`.
 * Ends of walls that are seen at too grazing an angle to be sure of are open points too, until it has driven past them: beside a
   wall that it follows it sees no others. They are none where an earlier look has seen the wall go on (`surfaces`).
 * Moving obstacles are not open points themselves; their virtual obstacles are. No way is taken on which a collision is predicted.
@@ -55,6 +56,7 @@ _PAUSE = 4.0  # [s] that nothing comes to a critical point
 _STAY = 8.0  # [s] that nothing comes to where it has got out of the way
 _FLAGS = 3  # scans in a row that have to say that a way is blocked
 _SLACK = 0.5  # of the safety constant, by which single scans, noisier than those of a decision, may find less room
+_LOOKS_AGAIN = 3
 _TRIES = 4  # a way that was called free and turned out blocked this often is blocked
 
 
@@ -133,6 +135,7 @@ class OperativeCriticalPointBug:
         self._route: list[int] = []  # places on the way back, the next one last
         self._wanted = -1  # the sub-goal that it goes back for
         self._blocking: list[tuple[Array, Array]] = []  # from where, and what was seen of it, a way turned out blocked
+        self._looked_again = 0
         self._surprises = 0  # goal ways that turned out blocked since the last progress
         self._closest = math.inf
         self.decisions = 0
@@ -185,8 +188,10 @@ class OperativeCriticalPointBug:
         if self.collisions:
             self._news.append("waits for a moving obstacle")
             return Stand()
-        if self._blocking:  # by the noise of single scans, perhaps: one more look, without them
-            self._blocking = []
+        if (
+            self._looked_again < _LOOKS_AGAIN
+        ):  # it may be noise that keeps it from what it could reach: before it gives this place up
+            self._blocking, self._looked_again = [], self._looked_again + 1
             return Stand()
         back = self._back(view)
         if back is not None:
@@ -196,7 +201,7 @@ class OperativeCriticalPointBug:
         return GiveUp("every sub-goal that is safe has been visited, and none led to the goal", "stuck")
 
     def _go(self, leg: Leg) -> Move:
-        self.leg = leg
+        self.leg, self._looked_again = leg, 0
         self._news.append(leg.kind.value)
         return To(leg.target)
 
@@ -318,12 +323,14 @@ class OperativeCriticalPointBug:
         if left <= ARRIVED:
             self._arrived(leg)
             return False
-        if view.blocked:
+        if view.blocked and leg.kind is LegKind.EVADE:
             self._surprised(leg, "the guard has stopped it")
             return False
         if not view.fresh:
             return True
-        if leg.kind is LegKind.GOAL:
+        if view.blocked:
+            free = False
+        elif leg.kind is LegKind.GOAL:
             free = view.goal_in_sight() and not self._narrow(view, leg.target, 1.0)
         elif leg.kind is LegKind.CRITICAL:
             slack = _SLACK * view.parameters.safety_constant
@@ -333,7 +340,7 @@ class OperativeCriticalPointBug:
         leg.flags = 0 if free else leg.flags + 1
         if leg.flags >= _FLAGS:
             self._blocking.append((view.centre, view.hits))
-            self._surprised(leg, "seen to be blocked")
+            self._surprised(leg, "the guard has stopped it" if view.blocked else "seen to be blocked")
             return False
         turning = abs(wrap_angle(view.heading_to(leg.target) - view.pose.theta)) > 0.5
         stay = _PAUSE if leg.kind is LegKind.CRITICAL else 0.0

@@ -139,23 +139,27 @@ def fits(hits: Array, x: float, y: float, tx: float, ty: float, driving: float, 
 def way_to(
     hits: Array, been: Array, x: float, y: float, tx: float, ty: float, radius: float, driving: float, body: float, width: float
 ) -> tuple[float, float]:
-    """Where to drive to get to a point: there, if that fits; beside the corner that a straight way there would pass too close, at
-    `radius` from it, if the rest fits from there and T does not hold that place; else nan."""
-    if fits(hits, x, y, tx, ty, driving, body, width):
-        return tx, ty
+    """Where to drive to get to a point; nan where it cannot be reached.
+
+    There, if the virtual circle, less half the safety constant, gets there straight. Else beside the corner that is in its way,
+    at `radius` from it, if both parts of that way fit and T does not hold that place. Else there, if the outline fits.
+    """
     heading, length = math.atan2(ty - y, tx - x), math.hypot(tx - x, ty - y)
-    k = first_touched(hits, x, y, heading, driving, length)
+    direct = fits(hits, x, y, tx, ty, driving, body, width)
+    k = first_touched(hits, x, y, heading, 0.5 * (radius + body), length)
     if k >= 0:
         c, s = math.cos(heading), math.sin(heading)
         side = 1.0 if c * (hits[k, 1] - y) - s * (hits[k, 0] - x) > 0.0 else -1.0
         px, py = hits[k, 0] + side * radius * s, hits[k, 1] - side * radius * c
         if (
-            not any_near(been, px, py, SAME)
+            not any_near(been, px, py, 0.5 * SAME)
+            and math.hypot(x - px, y - py) > 0.5 * SAME
+            and math.hypot(tx - px, ty - py) > 0.5 * SAME
             and fits(hits, x, y, px, py, driving, body, width)
             and fits(hits, px, py, tx, ty, driving, body, width)
         ):
             return px, py
-    return math.nan, math.nan
+    return (tx, ty) if direct else (math.nan, math.nan)
 
 
 def warm_up() -> None:

@@ -211,7 +211,6 @@ def test_candidates_are_those_that_fit(seed: int) -> None:
         for b, r in zip(bearings, ranges, strict=True)
     ]
     found = candidates(seen, view, *points)
-    direct = {c.subgoal: c.point for c in found if np.array_equal(c.point, c.way)}
     width = 2.0 * RADIUS * 1.05
     fitting = []
     for point in points:
@@ -220,8 +219,9 @@ def test_candidates_are_those_that_fit(seed: int) -> None:
         new = min(math.dist(target, place) for place in seen.points()) >= SAME
         if new and view.reachable(target) and math.isinf(narrow):
             fitting.append(target)
-    assert len(direct) == len(fitting)
-    assert np.array(sorted(map(tuple, direct.values()))) == pytest.approx(np.array(sorted(map(tuple, fitting))))
+    reached = [tuple(c.point) for c in found]
+    assert {tuple(target) for target in fitting} <= set(reached)
+    assert {tuple(c.point) for c in found if np.array_equal(c.point, c.way)} <= {tuple(target) for target in fitting}
     assert [c.distance for c in found] == sorted(c.distance for c in found)
     for c in found:  # a detour is beside a corner, and both its parts can be driven
         assert view.reachable(c.way)
