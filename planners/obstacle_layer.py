@@ -93,9 +93,9 @@ def mark_laser(
 @njit(cache=True)
 def mark_sonar(
     evidence: NDArray, explained: NDArray, touched: NDArray, x: float, y: float, theta: float, ranges: NDArray, bearings: NDArray,
-    half_width: float, mark_reach: float, clear_reach: float, resolution: float,
+    half_width: float, mark_reach: float, clear_reach: float, shadow: float, resolution: float,
 ) -> tuple[int, NDArray]:  # fmt: skip
-    """Clears the inner part of the cones, then marks their arcs; lengths in cells but `ranges` [m]."""
+    """Clears the inner part of the cones, then marks their arcs and `shadow` behind them; lengths in cells but `ranges` [m]."""
     rows, cols = evidence.shape
     n = 0
     for i in range(len(ranges)):
@@ -135,9 +135,14 @@ def mark_sonar(
                         evidence[row, col] = MOST
                         # On the rim another surface may have answered.
                         known = known or abs(offset) <= _CORE * half_width
-                elif evidence[row, col] < HIT and abs(offset) <= _CORE * half_width:
-                    evidence[row, col] = HIT
-                    n, touched = _note(touched, n, row * cols + col)
+                elif abs(offset) <= _CORE * half_width:
+                    for step in range(int(2.0 * shadow) + 1):
+                        behind = reading + 0.5 * step
+                        row = math.floor(y + behind * math.sin(axis + offset))
+                        col = math.floor(x + behind * math.cos(axis + offset))
+                        if 0 <= row < rows and 0 <= col < cols and explained[row, col] == 0 and evidence[row, col] < HIT:
+                            evidence[row, col] = HIT
+                            n, touched = _note(touched, n, row * cols + col)
             if known:
                 break
     return n, touched

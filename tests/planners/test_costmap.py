@@ -1,6 +1,7 @@
 """Inflation and the obstacle layer."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -128,13 +129,33 @@ def test_dropped_and_far_readings_mark_nothing() -> None:
 
 def test_a_sonar_marks_the_inner_part_of_its_arc() -> None:
     """Analytic: every marked cell touches the arc of radius 0.8 m within 0.6 of the cone, and the arc's middle is marked."""
-    layer = LayeredCostmap(EMPTY, car(), OPEN)
+    layer = LayeredCostmap(EMPTY, car(), replace(OPEN, sonar_shadow=0.0))
     assert layer.update(SE2(0.0, 0.0, 0.5), sonar(0.8))
     points = lethal_points(layer)
     assert np.all(np.abs(np.hypot(*points.T) - 0.8) <= 0.05 / math.sqrt(2))
     assert np.all(np.abs(np.arctan2(points[:, 1], points[:, 0]) - 0.5) <= 0.6 * BEAM / 2 + 0.05)
     middle = np.array([0.8 * math.cos(0.5), 0.8 * math.sin(0.5)])
     assert np.linalg.norm(points - middle, axis=1).min() <= 0.05
+
+
+def test_what_answers_a_sonar_is_taken_to_be_deep_until_an_echo_comes_from_beyond() -> None:
+    """Analytic: the marked cells are those that the sector from 0.8 to 1.1 m holds; an echo from 1.6 m clears up to 1.12 m."""
+    layer = LayeredCostmap(EMPTY, car(), replace(OPEN, sonar_shadow=0.3))
+    assert layer.update(SE2(0.0, 0.0, 0.5), sonar(0.8))
+    points = lethal_points(layer)
+    ranges, angles = np.hypot(*points.T), np.arctan2(points[:, 1], points[:, 0]) - 0.5
+    slack = 0.05 / math.sqrt(2)
+    assert np.all((ranges >= 0.8 - slack) & (ranges <= 1.1 + slack))
+    assert np.all(np.abs(angles) <= 0.6 * BEAM / 2 + slack / ranges)
+    inside = EMPTY.world_from_cell(np.argwhere(np.ones(EMPTY.shape, dtype=bool)))
+    depth, aside = np.hypot(*inside.T), np.abs(np.arctan2(inside[:, 1], inside[:, 0]) - 0.5)
+    for point in inside[(depth > 0.8 + slack) & (depth < 1.1 - slack) & (aside * depth < 0.6 * BEAM / 2 * depth - slack)]:
+        assert np.linalg.norm(points - point, axis=1).min() < 1e-9
+    for _ in range(2):
+        layer.update(SE2(0.0, 0.0, 0.5), sonar(1.6))
+    left = lethal_points(layer)
+    middle = np.abs(np.arctan2(left[:, 1], left[:, 0]) - 0.5) < 0.4 * BEAM / 2
+    assert not np.any(middle & (np.hypot(*left.T) < 1.05))
 
 
 def test_silence_of_a_sonar_clears_nothing_and_an_echo_only_well_short_of_its_range() -> None:
@@ -146,8 +167,7 @@ def test_silence_of_a_sonar_clears_nothing_and_an_echo_only_well_short_of_its_ra
     for reading in (math.inf, 1.0):
         for _ in range(5):
             layer.update(SE2(), sonar(reading))
-        near = lethal_points(layer)
-        assert np.count_nonzero(np.hypot(*near.T) < 0.9) == marked
+        assert len(lethal_points(layer)) == marked
     for _ in range(5):
         layer.update(SE2(), sonar(1.3))
     assert np.count_nonzero(np.hypot(*lethal_points(layer).T) < 0.85) < marked
