@@ -392,9 +392,9 @@ def _medians(ranges: Array) -> Array:
             out[j] = math.nan
         elif m % 2 == 1:
             out[j] = np.sort(column[:m])[m // 2]
-        else:  # a mean of two, unless one is infinite
+        else:  # a mean of two on one surface; between two surfaces there is none
             low, high = np.sort(column[:m])[m // 2 - 1], np.sort(column[:m])[m // 2]
-            out[j] = 0.5 * (low + high) if high < math.inf else low
+            out[j] = 0.5 * (low + high) if high - low < 2.0 * _SAME_SURFACE else low
     return out
 
 
