@@ -5,6 +5,7 @@ Das, Dutta and Debnath, IJEECS 18(3), 2020, claim both (sections 2 and 4; their 
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
@@ -30,7 +31,10 @@ COLORS = dict(zip(BUGS, ("tab:red", "tab:blue", "tab:green", "tab:purple", "tab:
 def time_limit(world: Mapping[str, Any] | str) -> float:
     """Of a run in this world [s]: about ten times what the shortest way takes, stops and turns with it."""
     scene = scene_of(world)
-    shortest = shortest_path_length(scene.true_grid, footprint(), scene.start, scene.goal, scene.only_discs) or 0.0
+    assert scene.goal is not None
+    shortest = shortest_path_length(scene.true_grid, footprint(), scene.start, scene.goal, scene.only_discs)
+    if shortest is None:  # start or goal lie outside the grid
+        shortest = math.dist(scene.start.position, scene.goal.position)
     base, slope, most = TIME_LIMIT
     return min(base + slope * shortest, most)
 
