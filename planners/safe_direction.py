@@ -153,7 +153,7 @@ class SafeDirection:
         self._decisions += 1
         trouble = self.progress.trouble(pose, seen, decision, observation.time, goal)
         if isinstance(trouble, Drive):
-            return self._dodging(trouble, trouble.twist, self._costmap(seen), pose, {})
+            return self._dodging(trouble, trouble.twist, seen, pose, {})
         if trouble is not None:
             return trouble
         if math.dist(pose.position, goal.position) <= STOPPING_SHARE * goal.xy_goal_tolerance:
@@ -230,17 +230,20 @@ class SafeDirection:
         path, costmap = Path(np.stack([belief.pose.position, target])), self._costmap(seen)
         drive = self.pursuit.command(belief, path, costmap, observation, goal)
         slowed = self.movers.slowed(drive.twist, seen, belief.pose)
-        return self._dodging(drive, slowed, costmap, belief.pose, shown)
+        return self._dodging(drive, slowed, seen, belief.pose, shown)
 
     def _rotate(self, belief: Belief, seen: Readings, heading: float, observation: Observation, shown: Makers) -> Drive:
         """Turns on the spot."""
         here = belief.pose.position
         goal, costmap = Goal(here, heading, yaw_goal_tolerance=0.1), self._costmap(seen)
         drive = self.pursuit.command(belief, None, costmap, observation, goal)
-        return self._dodging(drive, drive.twist, costmap, belief.pose, shown)
+        return self._dodging(drive, drive.twist, seen, belief.pose, shown)
 
-    def _dodging(self, wanted: Drive, twist: Twist, costmap: Costmap, pose: SE2, shown: Makers) -> Drive:
-        """Out of the way of what comes, where the twist does not lead there."""
+    def _dodging(self, wanted: Drive, twist: Twist, seen: Readings, pose: SE2, shown: Makers) -> Drive:
+        """Out of the way of what comes, where the twist does not lead there; not backwards to where a sector does not look."""
+        costmap = self._costmap(seen)
+        if not self.sector.whole:
+            costmap = Costmap(np.where(seen.free, np.uint8(0), np.uint8(LETHAL)), costmap.resolution, costmap.origin)
         dodged = self.movers.dodged(wanted.twist, twist, costmap, pose)
         shown = {name: partial(wanted.trace.__getitem__, name) for name in wanted.trace} | shown
         if dodged is not None and not self._dodges:

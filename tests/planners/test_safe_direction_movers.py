@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kinematic import DT, car
-from test_safe_direction import context, robot, room, scan
+from test_safe_direction import BEARINGS, context, robot, room, scan
 
 from planners.safe_direction import build, build_with_memory
 from planners.safe_direction_movers import _HORIZON, Movers, _least_gap
@@ -99,3 +99,17 @@ def test_a_box_that_comes_along_a_wide_corridor_is_let_by(make) -> None:
             break
     assert goal.reached(pose)
     assert least > car(()).footprint.inscribed_radius
+
+
+def test_a_sector_that_looks_ahead_does_not_dodge_backwards_into_what_it_has_not_seen() -> None:
+    """Something comes from ahead at 0.3 m/s. All round the car backs off; a sector of 120 degrees has not looked there."""
+    pose, goal, backs = SE2(1.5, 2.0), Goal(np.array([5.0, 2.0])), []
+    for bearings in (BEARINGS, np.radians(np.arange(-60.0, 61.0))):
+        planner = build(context(robot(bearings), None)).local_planner
+        planner.movers.update = lambda *_: None  # what is followed is given
+        planner.movers._discs = np.array([[2.1, 2.0, -0.3, 0.0, 0.3]])
+        world = room((0.0, 0.0, 6.0, 1.8), (0.0, 2.2, 6.0, 4.0))
+        observation = Observation(0.0, lidar=scan(world, pose, 0.0, bearings))
+        backs.append(planner.command(Belief(pose), None, None, observation, goal).twist.v)
+    assert backs[0] < 0.0
+    assert backs[1] >= 0.0
