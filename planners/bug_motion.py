@@ -125,8 +125,9 @@ class Motion:
         if self.backing:
             self.backing = self._room(local) < self._turning_room
         if not self.backing and not _turn(local, *box, stretch):
-            other = math.copysign(min(math.tau - abs(error), 0.6), -error)
-            if abs(error) > 2.0 and _turn(local, *box, other):
+            other = math.copysign(math.tau - abs(error), -error)
+            # All of the other way round, or it would turn to and fro where there is no room, and touch something at last.
+            if abs(error) > 2.0 and all(_turn(local, *box, share * other) for share in (0.15, 0.3, 0.5, 0.7, 0.85, 1.0)):
                 return self._done(Twist(0.0, math.copysign(0.5 * self._fastest, other)), time)
             self.backing = True
         if self.backing:
