@@ -233,8 +233,12 @@ def scheduler() -> Iterator[str]:
     yield address
     for process in reversed(started):
         process.terminate()
-    for process in started:
-        process.wait(timeout=30)
+    for process in started:  # Dask's own end, which a busy machine draws out, is not what is tested
+        try:
+            process.wait(timeout=30)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
 
 
 def test_a_cluster_gives_the_same_runs(scheduler: str, short: str, tmp_path: Path) -> None:
