@@ -72,8 +72,8 @@ def raises_in_the_loop(context: Context) -> _Standing:
 
 
 def slow(context: Context) -> _Standing:
-    """Seconds of wall time, so that somebody can interrupt, on a busy machine too."""
-    return _Standing(lambda: (_mark("slow"), time.sleep(2.5)))
+    """A second of wall time, so that somebody can interrupt."""
+    return _Standing(lambda: (_mark("slow"), time.sleep(1.0)))
 
 
 @dataclass(frozen=True)

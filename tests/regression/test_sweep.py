@@ -16,6 +16,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -130,6 +131,16 @@ def wait_for(folder: Path, count: int, process: subprocess.Popen) -> None:
         time.sleep(0.02)
 
 
+@contextmanager
+def heeding_sigint() -> Iterator[None]:
+    """Processes that start here can be interrupted even where pytest runs in the background of a shell, which ignores SIGINT."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def children(pid: int) -> set[int]:
     found = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
     return {int(child) for child in found}
@@ -140,7 +151,8 @@ def test_a_sweep_that_is_stopped_goes_on_with_what_is_missing(slow_suite: Path, 
     out = tmp_path / "out"
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
     words = command(slow_suite, out, "--navigator", "bad_parts:slow")
-    first = subprocess.Popen(words, env=environment, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
+    with heeding_sigint():
+        first = subprocess.Popen(words, env=environment, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
     wait_for(out, 2, first)
     with pytest.raises(OutputError, match="another sweep is at work here"):
         sweep(load_suite(slow_suite, navigators=["bad_parts:slow"]), out, resume=True)
