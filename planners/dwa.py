@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from planners import costmap as layered
 from planners.costmap import safe_cost
 from planners.grid_search import LazyTrace
-from planners.moving_obstacles import MovingObstacles, met, near, threatens
+from planners.moving_obstacles import MovingObstacles, met, near
 from planners.outlines import Outlines, View
 from planners.steering import SLOWEST, Steering
 from planners.steering import Parameters as SteeringParameters
@@ -182,11 +182,9 @@ class DynamicWindow:
 
     def evade(self, belief: Belief, costmap: Costmap | None, observation: Observation) -> Drive | None:
         """A twist out of the way of what comes, for whoever else drives or lets the car stand; None where nothing comes."""
-        pose = belief.pose
-        self._movers.update(pose, observation)
-        views = self._outlines.views(costmap, pose)
-        movers = self._movers.discs(views[0], costmap, observation.time)
-        if not threatens(movers, views[0]):
+        views = self._outlines.views(costmap, belief.pose)
+        movers = self._movers.coming(belief.pose, observation, views[0], costmap)
+        if movers is None:
             return None
         self._steering.resume(observation.time)
         return self._choice(views, here(views[0]), movers, costmap, observation.time)

@@ -16,6 +16,7 @@ from numba import njit
 from planners.obstacle_tracking import Kind, Obstacles, Tracked
 from planners.open_points import Panorama
 from planners.outlines import View
+from planners.tracking_kernel import line
 from robocar.core import SE2, Array, Costmap, Observation, Robot, frozen_array
 
 _MAX_WIDTH, _MAX_DISTANCE = 0.8, 4.0  # [m] of what is followed: walls do not move
@@ -48,6 +49,7 @@ class MovingObstacles:
         encounter(np.array([[1.0, 0.0, 0.0, 0.0, 0.1]]), 0.0, 0.0, 0.0)
         depth_later(np.array([[1.0, 0.0, 0.0, 0.0, 0.1]]), 0.0, 0.0, 0.2, 0.0, 0.0)
         met(0.0, 0.0)
+        courses(np.zeros((2, 3)), 0.0)
 
     def forget(self) -> None:
         """A new episode."""
@@ -103,6 +105,12 @@ class MovingObstacles:
         discs[:, 2:4] = turned.transform(discs[:, 2:4])
         return discs / view.resolution
 
+    def coming(self, pose: SE2, observation: Observation, view: View, costmap: Costmap | None) -> Array | None:
+        """The `discs` after this scan, where one of them comes into its room while the robot stands; else None."""
+        self.update(pose, observation)
+        discs = self.discs(view, costmap, observation.time)
+        return discs if depth_later(discs, 0.0, _THREAT, 0.2, view.x, view.y) > 0.0 else None
+
 
 def _centre(panorama: Panorama, obstacle: Tracked) -> tuple[float, float]:
     """Of the disc of the obstacle's radius that touches the nearest point seen of it [m]."""
@@ -125,7 +133,7 @@ def courses(centres: Array, time: float) -> list[tuple[float, float, float, floa
     found: list[tuple[float, float, float, float]] = []
     last = float(centres[-1, 0])
     for since in (_WINDOW, _RECENT):
-        x, y, vx, vy = _line(centres[last - centres[:, 0] <= since + 1e-6], last)
+        x, y, vx, vy = line(centres[last - centres[:, 0] <= since + 1e-6])
         speed = math.hypot(vx, vy)
         if speed > _FASTEST:
             vx, vy = vx * _FASTEST / speed, vy * _FASTEST / speed
@@ -134,24 +142,9 @@ def courses(centres: Array, time: float) -> list[tuple[float, float, float, floa
     return found
 
 
-def _line(places: Array, time: float) -> tuple[float, float, float, float]:
-    """Place at a time and velocity of the straight line through (t, x, y), (n, 3), by least squares."""
-    middle = places.mean(axis=0)
-    off = places[:, 0] - middle[0]
-    spread = float(off @ off)
-    vx, vy = (off @ places[:, 1:] / spread).tolist() if spread > 1e-9 else (0.0, 0.0)
-    ahead = time - float(middle[0])
-    return float(middle[1]) + ahead * vx, float(middle[2]) + ahead * vy, vx, vy
-
-
 def near(discs: Array, view: View) -> bool:
     """Whether the robot is in the room of one of the discs, or within half of it."""
     return len(discs) > 0 and encounter(discs, 0.0, view.x, view.y)[1] > 0.5
-
-
-def threatens(discs: Array, view: View) -> bool:
-    """Whether one of the discs comes into its room while the robot stands."""
-    return len(discs) > 0 and depth_later(discs, 0.0, _THREAT, 0.2, view.x, view.y) > 0.0
 
 
 @njit(cache=True)

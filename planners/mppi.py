@@ -17,7 +17,7 @@ from planners import costmap as layered
 from planners.costmap import safe_cost
 from planners.dwa import DRAW_PERIOD, DRAWN, LOCAL_COLOR, thinned
 from planners.grid_search import LazyTrace
-from planners.moving_obstacles import STAY, MovingObstacles, depth_later, encounter, met, near, threatens
+from planners.moving_obstacles import STAY, MovingObstacles, depth_later, encounter, met, near
 from planners.outlines import Outlines, View
 from planners.steering import SLOWEST, Steering
 from planners.steering import Parameters as SteeringParameters
@@ -262,11 +262,9 @@ class MPPI:
 
     def evade(self, belief: Belief, costmap: Costmap | None, observation: Observation) -> Drive | None:
         """A twist out of the way of what comes, for whoever else drives or lets the car stand; None where nothing comes."""
-        pose = belief.pose
-        self._movers.update(pose, observation)
-        views = self._outlines.views(costmap, pose)
-        movers = self._movers.discs(views[0], costmap, observation.time)
-        if not threatens(movers, views[0]):
+        views = self._outlines.views(costmap, belief.pose)
+        movers = self._movers.coming(belief.pose, observation, views[0], costmap)
+        if movers is None:
             return None
         if self._steering.resume(observation.time):
             self._mean[:] = 0.0

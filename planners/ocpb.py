@@ -188,9 +188,8 @@ class OperativeCriticalPointBug:
         if self.collisions:
             self._news.append("waits for a moving obstacle")
             return Stand()
-        if (
-            self._looked_again < _LOOKS_AGAIN
-        ):  # it may be noise that keeps it from what it could reach: before it gives this place up
+        if self._looked_again < _LOOKS_AGAIN:
+            # It may be noise that keeps it from what it could reach: it looks again before it gives this place up.
             self._blocking, self._looked_again = [], self._looked_again + 1
             return Stand()
         back = self._back(view)

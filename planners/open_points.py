@@ -127,11 +127,6 @@ class OpenPoint:
     along: tuple[float, float] = (0.0, 0.0)
 
     @property
-    def vague(self) -> float:
-        """Length of the stretch in which the end lies [m]."""
-        return self.before + self.beyond
-
-    @property
     def normal(self) -> Array:
         """Towards the free side, perpendicular to the line from the sensor, (2,): the four cases of eq. 4 in one."""
         return self.side * np.array([-math.sin(self.bearing), math.cos(self.bearing)])

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from planners import sub_goals as sg
 from planners.bug_view import View
-from planners.open_points import OpenPoint
 from planners.sub_goals import SAME
 from planners.surfaces import Surfaces
 from robocar.core import Array
@@ -190,10 +189,3 @@ class Traverse:
             if length < shortest:
                 best, shortest = k, length
         return best
-
-
-def row_of(point: OpenPoint) -> Array:
-    """An open point as a row of `open_point_rows`, (1, 10)."""
-    return np.array([
-        [*point.position, point.bearing, point.range, point.side, point.sure, point.before, point.beyond, *point.along]
-    ])  # fmt: skip

@@ -19,7 +19,7 @@ from planners.ocpb import OperativeCriticalPointBug, Parameters
 from planners.open_points import OpenPoint, Panorama, VirtualCircle
 from planners.sub_goals import SAME
 from planners.surfaces import Surfaces
-from planners.traverse import Candidate, Traverse, row_of
+from planners.traverse import Candidate, Traverse
 from robocar.core import OCCUPIED, SE2, Arrows, Goal, Lines, OccupancyGrid, Points
 from robocar.registry import build
 from robocar.run import run as run_in_physics
@@ -129,6 +129,13 @@ def view_of(hits: np.ndarray, centre: tuple[float, float] = (0.0, 0.0), goal: tu
     seen = Panorama(0.0, np.zeros(2), np.zeros(0), np.zeros(0), 6.0, 0.1)
     circle = VirtualCircle.of(laser_car().footprint, 0.03)
     return View(0.0, SE2(*centre), np.array(centre), seen, hits, True, Goal(np.array(goal)), False, circle, BugParameters())
+
+
+def row_of(point: OpenPoint) -> np.ndarray:
+    """An open point as a row of `open_point_rows`, (1, 10)."""
+    return np.array([
+        [*point.position, point.bearing, point.range, point.side, point.sure, point.before, point.beyond, *point.along]
+    ])  # fmt: skip
 
 
 def candidates(seen: Traverse, view: View, *points: OpenPoint) -> list[Candidate]:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from kinematic import car
 
 from planners.open_points import OpenPoint, Panorama, Surround, VirtualCircle, find_open_points, middle
-from robocar.core import OCCUPIED, SE2, Footprint, Observation, OccupancyGrid, ParameterError, Scan
+from robocar.core import OCCUPIED, SE2, Footprint, Observation, OccupancyGrid, ParameterError, Robot, Scan
 from robocar.core.rays import cast_rays
 
 WIDE = math.radians(25.0)
@@ -61,17 +61,24 @@ def test_the_axle_is_where_the_circle_wants_it(x: float, y: float, heading: floa
     assert circle.centre(SE2(axle[0], axle[1], heading)) == pytest.approx([x, y])
 
 
+def look(surround: Surround, grid: OccupancyGrid, robot: Robot, rng: np.random.Generator) -> Panorama:
+    """A scan without noise from somewhere at random between the boxes."""
+    while True:
+        x, y = rng.uniform(0.3, 5.7, 2)
+        if not any(x0 - 0.3 < x < x1 + 0.3 and y0 - 0.3 < y < y1 + 0.3 for x0, y0, x1, y1 in BOXES):
+            break
+    pose = SE2(x, y, rng.uniform(-3, 3))
+    seen = surround.panorama(Observation(0.0, lidar=scan_of(robot, grid, pose, 0.0)), pose)
+    assert seen is not None
+    return seen
+
+
 def test_open_points_of_scans_without_noise_are_corners() -> None:
     """Oracle: the boxes' corners in sight, in 99 % of cases within 5 cm or one spacing of the beams on that surface."""
     grid, robot, rng = world(), laser_car(), np.random.default_rng(3)
     surround, near, count = Surround(robot, WIDE), 0, 0
     while count < 600:
-        x, y = rng.uniform(0.3, 5.7, 2)
-        if any(x0 - 0.3 < x < x1 + 0.3 and y0 - 0.3 < y < y1 + 0.3 for x0, y0, x1, y1 in BOXES):
-            continue
-        pose = SE2(x, y, rng.uniform(-3, 3))
-        seen = surround.panorama(Observation(0.0, lidar=scan_of(robot, grid, pose, 0.0)), pose)
-        assert seen is not None
+        seen = look(surround, grid, robot, rng)
         hits = seen.origin + seen.ranges[:, None] * np.stack([np.cos(seen.bearings), np.sin(seen.bearings)], axis=1)
         for point in find_open_points(seen, 0.2, 0.01):
             if point.sure:
@@ -90,12 +97,7 @@ def test_open_points_whose_place_the_beams_tell_are_corners() -> None:
     grid, robot, rng = world(), laser_car(), np.random.default_rng(5)
     surround, told, inside = Surround(robot, WIDE), [], []
     while len(inside) < 500:
-        x, y = rng.uniform(0.3, 5.7, 2)
-        if any(x0 - 0.3 < x < x1 + 0.3 and y0 - 0.3 < y < y1 + 0.3 for x0, y0, x1, y1 in BOXES):
-            continue
-        pose = SE2(x, y, rng.uniform(-3, 3))
-        seen = surround.panorama(Observation(0.0, lidar=scan_of(robot, grid, pose, 0.0)), pose)
-        assert seen is not None
+        seen = look(surround, grid, robot, rng)
         for point in (p for p in find_open_points(seen, 0.2, 0.01) if p.sure):
             tolerance = max(0.05, point.range * seen.spacing)
             stretch = point.position + np.linspace(-point.before, point.beyond, 50)[:, None] * np.array(point.along)
