@@ -56,7 +56,7 @@ def _empty_level(blocks, n_red, indptr, indices, first_child, children) -> Level
     n = len(blocks)
     none = np.empty(0, np.int32)
     return Level(
-        blocks, int(n_red), indptr, indices, np.zeros(len(indices)), np.zeros(n), np.zeros(n), np.zeros(n),
+        blocks, int(n_red), indptr, indices, np.empty(len(indices)), np.empty(n), np.empty(n), np.empty(n),
         none, np.empty(0, np.float32), first_child, children,
     )  # fmt: skip
 
@@ -67,8 +67,7 @@ def _empty_level(blocks, n_red, indptr, indices, first_child, children) -> Level
 def first_level(inverse_degree: Array) -> tuple[Level, NDArray[np.int32]]:
     """Nodes over a grid of cells, and the node of each cell (rows + 2, cols + 2), -1 where nothing is sought."""
     parent, blocks, n_red = _number_cells(inverse_degree)
-    indptr = _count_cell_links(parent, blocks)
-    indices = _fill_cell_links(parent, blocks, indptr)
+    indptr, indices = _cell_links(parent, blocks)
     none = np.empty(0, np.int32)
     return _empty_level(blocks, n_red, indptr, indices, none, none), parent
 
@@ -110,147 +109,167 @@ def _number_cells(inverse_degree):
     return parent, blocks[:n].copy(), n_red
 
 
-@njit(cache=True, inline="always")
-def outside(k):
-    """Offsets of the k-th pair (cell of a block, its neighbour outside): cell row, cell col, neighbour row, neighbour col."""
-    if k < 2:
-        return k, 0, k, -1
-    if k < 4:
-        return k - 2, 1, k - 2, 2
-    if k < 6:
-        return 0, k - 4, -1, k - 4
-    return 1, k - 6, 2, k - 6
-
-
 @njit(cache=True)
-def _count_cell_links(parent, blocks):
+def _cell_links(parent, blocks):
+    """Links to the left, right, top and bottom, (n + 1,) and (nnz,).
+
+    At most one a side: where a block has two nodes, each of its sides shows one cell only.
+    """
     n = len(blocks)
-    count = np.zeros(n + 1, np.int32)
+    cols = np.int64(parent.shape[1])
+    parents = parent.ravel()
+    # a side: its two cells, and their neighbours outside
+    inner = ((0, cols), (1, cols + 1), (0, 1), (cols, cols + 1))
+    outer = ((-1, cols - 1), (2, cols + 2), (-cols, 1 - cols), (2 * cols, 2 * cols + 1))
+    indptr = np.empty(n + 1, np.int32)
+    indices = np.empty(4 * n, np.int32)
+    indptr[0] = 0
+    at = np.uint64(0)
     for node in range(n):
-        r, c = 2 * blocks[node, 0] + 1, 2 * blocks[node, 1] + 1
-        found = 0
-        previous = np.int32(-1)
-        for k in range(8):
-            r1, c1, r2, c2 = outside(k)
-            if parent[r + r1, c + c1] == node:
-                other = parent[r + r2, c + c2]
-                if other >= 0 and (other != previous or k % 2 == 0):
-                    found += 1
-                previous = other
-            else:
-                previous = np.int32(-1)
-        count[node + 1] = found
-    return np.cumsum(count).astype(np.int32)
-
-
-@njit(cache=True)
-def _fill_cell_links(parent, blocks, indptr):
-    indices = np.empty(indptr[-1], np.int32)
-    for node in range(len(blocks)):
-        r, c = 2 * blocks[node, 0] + 1, 2 * blocks[node, 1] + 1
-        at = indptr[node]
-        previous = np.int32(-1)
-        for k in range(8):
-            r1, c1, r2, c2 = outside(k)
-            if parent[r + r1, c + c1] == node:
-                other = parent[r + r2, c + c2]
-                if other >= 0 and (other != previous or k % 2 == 0):
-                    indices[at] = other
-                    at += 1
-                previous = other
-            else:
-                previous = np.int32(-1)
-    return indices
+        corner = (2 * blocks[node, 0] + 1) * cols + 2 * blocks[node, 1] + 1
+        for side in range(4):
+            other = np.int32(-1)
+            for k in range(2):
+                if parents[np.uint64(corner + inner[side][k])] == node:
+                    other = max(other, parents[np.uint64(corner + outer[side][k])])
+            indices[at] = other
+            at += np.uint64(other >= 0)
+        indptr[node + 1] = at
+    return indptr, indices[:at].copy()
 
 
 # ---------------------------------------------------------------- further levels, from nodes
 
 
 def coarser(fine: Level) -> Level:
-    """The next level; fills `parent` and `share` of `fine`."""
-    parent, blocks, n_red = _number_nodes(fine.blocks, fine.indptr, fine.indices)
-    fine.parent = parent
-    fine.share = np.zeros(fine.size, np.float32)
-    first_child = np.zeros(len(blocks) + 1, np.int32)
-    np.cumsum(np.bincount(parent, minlength=len(blocks)), out=first_child[1:])
-    children = np.argsort(parent, kind="stable").astype(np.int32)
-    indptr, indices = _node_links(parent, first_child, children, fine.indptr, fine.indices)
+    """The next level; sets `parent` and `share` (not yet weighed) of `fine`."""
+    fine.parent, blocks, n_red, first_child, children = _number_nodes(fine.blocks, fine.indptr, fine.indices)
+    fine.share = np.empty(fine.size, np.float32)
+    indptr, indices = _node_links(fine.parent, first_child, children, fine.indptr, fine.indices)
     return _empty_level(blocks, n_red, indptr, indices, first_child, children)
 
 
 @njit(cache=True)
-def _number_nodes(blocks, indptr, indices):
-    """Connected pieces of 2 x 2 blocks by union-find, numbered red before black and by rows."""
+def _first_nodes(blocks):
+    """First node of each block, -1 where there is none, -2 - node where the block has several, (rows, cols) even."""
     n = len(blocks)
-    root = np.arange(n).astype(np.int32)
+    rows, cols = 0, 0
     for i in range(n):
+        rows, cols = max(rows, blocks[i, 0] + 1), max(cols, blocks[i, 1] + 1)
+    first = np.full((rows + rows % 2, cols + cols % 2), -1, np.int32)
+    for i in range(n):  # nodes of one block follow each other
+        known = first[blocks[i, 0], blocks[i, 1]]
+        if known == -1:
+            first[blocks[i, 0], blocks[i, 1]] = i
+        elif known >= 0:
+            first[blocks[i, 0], blocks[i, 1]] = -2 - known
+    return first
+
+
+@njit(cache=True)
+def _leads_to(i, j, indptr, indices):
+    found = False
+    for a in range(np.uint32(indptr[i]), np.uint32(indptr[i + 1])):
+        found |= indices[a] == j
+    return found
+
+
+@njit(cache=True)
+def _number_nodes(blocks, indptr, indices):
+    """Number the connected pieces of 2 x 2 blocks: red before black, by rows, then by their first node.
+
+    Returns: the piece of each node, the pieces' blocks, how many are red, and their nodes in CSR form, in order.
+    """
+    n = len(blocks)
+    first = _first_nodes(blocks)
+    half_rows, half_cols = first.shape[0] // 2, first.shape[1] // 2
+    parent = np.full(n, -1, np.int32)
+    coarse = np.empty((n, 2), np.int32)
+    first_child = np.empty(n + 1, np.int32)
+    first_child[0] = 0
+    children = np.empty(n, np.int32)
+    count, size, n_red = 0, 0, 0
+    for color in range(2):
+        for r in range(half_rows):
+            for c in range((r + color) % 2, half_cols, 2):
+                i, j = first[2 * r, 2 * c], first[2 * r + 1, 2 * c + 1]  # red
+                k, m = first[2 * r, 2 * c + 1], first[2 * r + 1, 2 * c]  # black: links lead here from i and j only
+                if (
+                    min(i, j, k, m) >= 0
+                    and _leads_to(i, k, indptr, indices)
+                    and _leads_to(i, m, indptr, indices)
+                    and (_leads_to(j, k, indptr, indices) or _leads_to(j, m, indptr, indices))
+                ):
+                    for child in (i, j, k, m):  # in their order: the red ones first
+                        parent[child] = count
+                        children[size] = child
+                        size += 1
+                    coarse[count, 0], coarse[count, 1] = r, c
+                    count += 1
+                    first_child[count] = size
+                    continue
+                for start in (i, j, k, m):
+                    if start == -1:
+                        continue
+                    leader = start if start >= 0 else -2 - start
+                    row, col = blocks[leader, 0], blocks[leader, 1]
+                    while leader < n and blocks[leader, 0] == row and blocks[leader, 1] == col:
+                        if parent[leader] < 0:
+                            size = _gather_piece(leader, count, blocks, indptr, indices, parent, children, size)
+                            coarse[count, 0], coarse[count, 1] = r, c
+                            count += 1
+                            first_child[count] = size
+                        leader += 1
+        if color == 0:
+            n_red = count
+    return parent, coarse[:count].copy(), n_red, first_child[: count + 1].copy(), children
+
+
+@njit(cache=True)
+def _gather_piece(leader, number, blocks, indptr, indices, parent, children, begin):
+    """Write the nodes that hang together with `leader` in its 2 x 2 block to children[begin:], in order; returns the end."""
+    r, c = blocks[leader, 0] // 2, blocks[leader, 1] // 2
+    parent[leader] = number
+    children[begin] = leader
+    at, end = begin, begin + 1
+    while at < end:
+        i = children[at]
+        at += 1
         for a in range(indptr[i], indptr[i + 1]):
             j = indices[a]
-            if blocks[i, 0] // 2 == blocks[j, 0] // 2 and blocks[i, 1] // 2 == blocks[j, 1] // 2:
-                x, y = i, j
-                while root[x] != x:
-                    root[x] = root[root[x]]
-                    x = root[x]
-                while root[y] != y:
-                    root[y] = root[root[y]]
-                    y = root[y]
-                if x < y:
-                    root[y] = x
-                else:
-                    root[x] = y
-    leaders = np.empty(n, np.int32)
-    count = 0
-    for i in range(n):
-        x = np.int32(i)
-        while root[x] != x:
-            x = root[x]
-        root[i] = x
-        if x == i:
-            leaders[count] = i
-            count += 1
-    width = 0
-    for i in range(n):
-        width = max(width, blocks[i, 1] // 2 + 1)
-    key = np.empty(count, np.int64)
-    half = np.int64(1) << 60
-    for k in range(count):
-        r, c = blocks[leaders[k], 0] // 2, blocks[leaders[k], 1] // 2
-        key[k] = np.int64(r) * width + c + (half if (r + c) % 2 == 1 else 0)
-    rank = np.argsort(key, kind="mergesort")
-    number = np.empty(n, np.int32)
-    coarse = np.empty((count, 2), np.int32)
-    n_red = 0
-    for k in range(count):
-        i = leaders[rank[k]]
-        number[i] = k
-        coarse[k, 0], coarse[k, 1] = blocks[i, 0] // 2, blocks[i, 1] // 2
-        if (coarse[k, 0] + coarse[k, 1]) % 2 == 0:
-            n_red += 1
-    parent = np.empty(n, np.int32)
-    for i in range(n):
-        parent[i] = number[root[i]]
-    return parent, coarse, n_red
+            if parent[j] < 0 and blocks[j, 0] // 2 == r and blocks[j, 1] // 2 == c:
+                parent[j] = number
+                children[end] = j
+                end += 1
+    for at in range(begin + 1, end):
+        child, k = children[at], at
+        while k > begin and children[k - 1] > child:
+            children[k] = children[k - 1]
+            k -= 1
+        children[k] = child
+    return end
 
 
 @njit(cache=True)
 def _node_links(parent, first_child, children, indptr, indices):
     n = len(first_child) - 1
-    coarse_indptr = np.zeros(n + 1, np.int32)
+    coarse_indptr = np.empty(n + 1, np.int32)
+    coarse_indptr[0] = 0
     coarse = np.empty(len(indices), np.int32)
-    size = 0
+    size = np.uint32(0)
     for node in range(n):
         begin = size
-        for k in range(first_child[node], first_child[node + 1]):
-            i = children[k]
-            for a in range(indptr[i], indptr[i + 1]):
-                other = parent[indices[a]]
+        for k in range(np.uint32(first_child[node]), np.uint32(first_child[node + 1])):
+            i = np.uint32(children[k])
+            for a in range(np.uint32(indptr[i]), np.uint32(indptr[i + np.uint32(1)])):
+                other = parent[np.uint32(indices[a])]
                 if other == node:
                     continue
-                known = False
-                for b in range(begin, size):
-                    known = known or coarse[b] == other
-                if not known:
+                b = begin
+                while b < size and coarse[b] != other:
+                    b += np.uint32(1)
+                if b == size:
                     coarse[size] = other
-                    size += 1
+                    size += np.uint32(1)
         coarse_indptr[node + 1] = size
     return coarse_indptr, coarse[:size].copy()
