@@ -8,6 +8,7 @@ Leutenegger 1994). No step subtracts numbers of different magnitude, so the erro
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -91,7 +92,7 @@ class Multigrid:
                 relative = relative_residual(level, w)
                 if np.max(np.abs(relative)) < 0.03:
                     break
-                self._reweigh_from(k, w, True, np.ones(level.size, np.uint8))
+                self._reweigh_from(k, w, True, [np.ones(level.size, np.uint8)])
                 below = self.levels[k + 1]
                 coarse = restrict(level, below, relative)
                 multiply(w, self._correction(k + 1, coarse), level.parent)
@@ -115,7 +116,8 @@ class Multigrid:
             if change > SETTLED:
                 if smallest(w, inverse_degree) <= SMALLEST:
                     return Cycles(np.array([*residuals, np.inf]), False)
-                self._reweigh(w, True, e if local else None)
+                moved = None if e is None or not local else [stale_nodes(first.indptr, first.indices, e, 0.5 * SETTLED)]
+                self._reweigh(w, True, moved)
             right, worst = gather_residual(w, inverse_degree, self.parent, self.share, first.blocks)
             residuals.append(worst)
             if not np.isfinite(worst):
@@ -128,24 +130,26 @@ class Multigrid:
             smooth(w, inverse_degree, 2)
         return Cycles(np.array(residuals), False)
 
-    def _reweigh(self, w: Array, conditioned: bool, e: Array | None = None) -> None:
-        """Weigh all levels with w; with the last relative corrections `e` of level 1 only where they were large."""
+    def _reweigh(self, w: Array, conditioned: bool, stale: Sequence[NDArray[np.uint8]] | None = None) -> None:
+        """Weigh all levels with w; where `stale` is given, only its nodes of level 1, of the levels above, and their parents."""
         first = self.levels[0]
-        if e is None:
-            stale = np.ones(first.size, np.uint8)
-        else:
-            stale = stale_nodes(first.indptr, first.indices, e, 0.5 * SETTLED)
-        weigh_first(w, self.problem.inverse_degree, self.parent, first, self.share, conditioned, 2.0 / 3.0, stale)
+        if stale is None:
+            stale = [np.ones(first.size, np.uint8)]
+        weigh_first(w, self.problem.inverse_degree, self.parent, first, self.share, conditioned, 2.0 / 3.0, stale[0])
         self._reweigh_from(0, np.ones(first.size), conditioned, stale)
 
-    def _reweigh_from(self, k: int, w: Array, conditioned: bool, stale: NDArray) -> None:
+    def _reweigh_from(self, k: int, w: Array, conditioned: bool, stale: Sequence[NDArray[np.uint8]]) -> None:
+        """Weigh the levels above k, whose walk is to be conditioned on w (n,); `stale` as above, from level k on."""
+        nodes = stale[0]
         for level in range(k, len(self.levels) - 1):
             fine, coarse = self.levels[level], self.levels[level + 1]
-            stale = stale_parents(fine.parent, stale, coarse.size)
+            nodes = stale_parents(fine.parent, nodes, coarse.size)
+            if level + 1 - k < len(stale):
+                nodes |= stale[level + 1 - k]
             # a wall beside a strip of 2^k cells lies (2^k + 1) / 2 from its middle: the conductance to it falls as the strip
             # widens
             width = 2.0 ** (level + 1)
-            weigh(fine, coarse, w, conditioned, (width + 1.0) / (2.0 * width + 1.0), stale)
+            weigh(fine, coarse, w, conditioned, (width + 1.0) / (2.0 * width + 1.0), nodes)
             w = np.ones(coarse.size)
         last = self.levels[-1]
         self._direct = eliminate(last.indptr, last.indices, last.probability, last.goal, last.loss, self._order)

@@ -14,11 +14,13 @@ from hypothesis import strategies as st
 from scipy.sparse.csgraph import connected_components
 
 from planners.laplace import LaplaceProblem, Multigrid, laplace_problem, solve
+from planners.laplace.carry import carry
 from planners.laplace.elimination import dissection_order, eliminate
 from planners.laplace.levels import coarser, first_level
 from planners.laplace.relaxation import largest_residual
 from planners.laplace.solver import REACHABLE, WARM_CYCLES, WARM_RESIDUAL
 from planners.laplace.warm import LARGEST_SHARE, MARGIN, warm_field, windows
+from planners.laplace.weights import stale_nodes
 from robocar.core import GoalOccupied, NoPathFound, OutsideMap, ParameterError
 from robocar.formats.generated import cave, maze, rooms
 
@@ -301,7 +303,8 @@ def test_weights_are_renewed_where_w_has_changed_as_if_everywhere() -> None:
     e[np.random.default_rng(2).choice(len(e), 40, replace=False)] = 0.7
     inside = partly.parent >= 0
     w[inside] *= 1.0 + e[partly.parent[inside]]
-    partly._reweigh(w, conditioned=True, e=e)
+    first = partly.levels[0]
+    partly._reweigh(w, True, [stale_nodes(first.indptr, first.indices, e, 0.05)])
     wholly._reweigh(w, conditioned=True)
     assert len(partly.levels) >= 3
     for some, every, old in zip(partly.levels, wholly.levels, before, strict=True):
@@ -311,6 +314,87 @@ def test_weights_are_renewed_where_w_has_changed_as_if_everywhere() -> None:
         assert np.array_equal(some.share, every.share)
         assert not np.array_equal(some.probability, old)
     assert np.array_equal(partly.share, wholly.share)
+
+
+def weights_of(levels: Multigrid) -> list[np.ndarray]:
+    per_level = [[level.probability, level.goal, level.loss, level.log_weight, level.share] for level in levels.levels]
+    return [levels.share, *(array for arrays in per_level for array in arrays)]
+
+
+def change_obstacle(blocked: np.ndarray) -> None:
+    blocked[20:31, 87:99] = True
+
+
+def change_opening(blocked: np.ndarray) -> None:
+    blocked[65, 85:95] = False
+
+
+def change_border(blocked: np.ndarray) -> None:
+    blocked[-1, 40:47] = blocked[0, 1] = blocked[60:70, 0] = blocked[50:60, -1] = True
+
+
+def change_thin_walls(blocked: np.ndarray) -> None:
+    blocked[45:60, 9] = blocked[100, 70:109] = blocked[90, ::2] = True
+    blocked[43, 33:40] = False
+
+
+def change_cutting_off(blocked: np.ndarray) -> None:
+    blocked[26:39, 65] = True  # the door: half of the map is no longer sought
+
+
+def change_everything(blocked: np.ndarray) -> None:
+    for change in (change_obstacle, change_opening, change_border, change_thin_walls):
+        change(blocked)
+    blocked[np.random.default_rng(5).random(blocked.shape) < 0.001] ^= True
+
+
+@pytest.mark.parametrize(
+    "change",
+    [change_obstacle, change_opening, change_border, change_thin_walls, change_cutting_off, change_everything],
+    ids=lambda change: change.__name__.removeprefix("change_"),
+)
+@pytest.mark.parametrize("parts", [(1.0, 0.0), (0.5, 0.01)], ids=["absorbing", "leaking"])
+@pytest.mark.parametrize("back", [False, True], ids=["there", "back"])
+def test_weights_are_carried_over_a_local_change_as_if_weighed_anew(change, parts, back) -> None:
+    before, goal = two_rooms(131)
+    after = before.copy()
+    change(after)
+    after[goal] = False
+    old_problem, problem = (laplace_problem(m, goal, *parts) for m in ((after, before) if back else (before, after)))
+    old, new, anew = Multigrid(old_problem), Multigrid(problem), Multigrid(problem)
+    # any positive w does, also one that is far from smooth
+    w = np.random.default_rng(6).uniform(0.1, 1.0, old_problem.inverse_degree.shape)
+    at_goal = problem.start_field()
+    old._reweigh(np.where(old_problem.inverse_degree > 0, w, at_goal), conditioned=True)
+    kept = [array.copy() for array in weights_of(old)]
+    for level in new.levels:
+        for array in (level.probability, level.goal, level.loss, level.log_weight, level.share):
+            array.fill(np.nan)
+    w = np.where(problem.inverse_degree > 0, w, at_goal)
+    stale = carry(old, new)
+    new._reweigh(w, True, stale)
+    anew._reweigh(w, conditioned=True)
+    assert len(new.levels) >= 3
+    for some, every in zip(weights_of(new), weights_of(anew), strict=True):
+        np.testing.assert_allclose(some, every, rtol=1e-12)
+    for some, every in zip(weights_of(old), kept, strict=True):
+        assert np.array_equal(some, every)
+    assert not any(np.shares_memory(a, b) for a, b in zip(weights_of(old), weights_of(new), strict=False))
+    if change is change_obstacle:
+        assert np.mean(stale[0]) < 0.02
+    right = np.random.default_rng(7).random(new.levels[0].size)
+    np.testing.assert_allclose(new._correction(0, right), anew._correction(0, right), rtol=1e-9)
+
+
+def test_weights_of_a_problem_without_a_change_are_all_carried_and_levels_without_a_match_are_not() -> None:
+    problem = laplace_problem(*two_rooms(131))
+    old, new = Multigrid(problem), Multigrid(problem)
+    old._reweigh(solve(problem, method="multigrid").mantissa, conditioned=True)
+    assert not any(stale.any() for stale in carry(old, new))
+    for some, every in zip(weights_of(new), weights_of(old), strict=True):
+        assert np.array_equal(some, every)
+    removed = old.levels.pop()
+    assert [int(stale.sum()) for stale in carry(old, new)] == [0] * len(old.levels) + [removed.size]
 
 
 def test_weights_of_a_walk_sum_to_one_and_fit_its_equations() -> None:
