@@ -234,7 +234,7 @@ def _add_solid_box(spec: mujoco.MjSpec, pose: SE2, size: tuple[float, float, flo
     spec.worldbody.add_geom(
         type=mujoco.mjtGeom.mjGEOM_BOX,
         pos=[pose.x, pose.y, size[2] / 2],
-        quat=_quaternion(pose.theta),
+        quat=_box_quaternion(pose.theta),
         size=[s / 2 for s in size],
         **_solid(),
         **({} if rgba is None else {"rgba": rgba}),
@@ -334,3 +334,12 @@ def _refuse_repeated(names: Sequence[str], what: str) -> None:
 
 def _quaternion(theta: float) -> list[float]:
     return [math.cos(theta / 2), 0.0, 0.0, math.sin(theta / 2)]
+
+
+def _box_quaternion(theta: float) -> list[float]:
+    """Of a box, which half a turn leaves as it is.
+
+    MuJoCo's compiler takes a geom for unturned in its body's frame where no number of its quaternion differs from (1, 0, 0, 0)
+    by 1e-6 (`geom_sameframe`), that is below 2e-6 rad. Half a turn farther on, no rotation is lost.
+    """
+    return _quaternion(theta) if theta == 0.0 or abs(theta) > 1e-5 else [-math.sin(theta / 2), 0.0, 0.0, math.cos(theta / 2)]

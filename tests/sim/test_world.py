@@ -11,7 +11,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from robocar.core import SE2, Landmark, OccupancyGrid, ScenarioError, UnknownNameError
@@ -23,6 +23,9 @@ from robocar.sim.movers import Mover
 from robocar.sim.world import FLOOR_BIT, SENSED_GROUP, SOLID_BIT, build_world
 
 SENSED = np.array([1, 0, 0, 0, 0, 0], dtype=np.uint8)
+
+# MuJoCo takes a geom turned by less than 2e-6 rad for one that is not turned.
+BARELY_TURNED = OccupancyGrid(np.array([[65, 0], [-1, -1]], dtype=np.int8), 1.0, SE2(0.0, 0.0, 1.8478634349644299e-06))
 
 poses = st.builds(SE2, st.floats(-20, 20), st.floats(-20, 20), st.floats(-math.pi, math.pi))
 
@@ -74,12 +77,12 @@ def assert_same_walls(grid: OccupancyGrid, blocked: OccupancyGrid, model, data, 
         spread = np.where(np.isinf(nudged).all(axis=0), 0.0, nudged.max(axis=0) - nudged.min(axis=0))
     clear = spread < 1e-3 * (1.0 + np.where(np.isinf(got), 0.0, got))
     assert clear.mean() > 0.9
-    # MuJoCo takes a frame turned by less than about 1e-7 rad for one that is not turned.
-    np.testing.assert_allclose(got[clear], nudged[1][clear], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(got[clear], nudged[1][clear], rtol=1e-9, atol=1e-9)
 
 
 @settings(max_examples=80, deadline=None)
 @given(grid=grids(), seed=st.integers(0, 2**32 - 1))
+@example(grid=BARELY_TURNED, seed=0)
 def test_rays_meet_the_walls_where_the_grid_has_them(grid: OccupancyGrid, seed: int) -> None:
     model, data = place(build_world(grid, border="open"))
     assert_same_walls(grid, grid, model, data, seed)
@@ -87,6 +90,7 @@ def test_rays_meet_the_walls_where_the_grid_has_them(grid: OccupancyGrid, seed: 
 
 @settings(max_examples=40, deadline=None)
 @given(grid=grids(), seed=st.integers(0, 2**32 - 1))
+@example(grid=BARELY_TURNED, seed=0)
 def test_a_border_wall_stands_just_outside_the_grid(grid: OccupancyGrid, seed: int) -> None:
     model, data = place(build_world(grid, border="wall"))
     edge = -grid.resolution
