@@ -30,7 +30,7 @@ from planners.laplace.relaxation import (
     spread,
     sweep,
 )
-from planners.laplace.weights import stale_nodes, stale_parents, weigh, weigh_first
+from planners.laplace.weights import follow, stale_nodes, stale_parents, weigh, weigh_first
 from robocar.core import Array
 
 DIRECT_SIZE = 400
@@ -42,6 +42,12 @@ SMALLEST = 1e-280
 SETTLED = 0.1
 """Coarse weights are kept once w changes by less than this fraction in a cycle. 0.02 to 0.3 take equally many cycles on room
 maps, caves, offices and random obstacles."""
+
+RESHAPED = 0.01
+"""In a warm start, weights are renewed where w changes by factors that differ by more than this from node to node."""
+
+SWEEPS = 3
+"""Over the cells in each cycle."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,24 +107,24 @@ class Multigrid:
         smooth(field_, self.problem.inverse_degree, 2)
         return field_
 
-    def improve(self, w: Array, tolerance: float, max_cycles: int, local: bool = False) -> Cycles:
+    def improve(self, w: Array, tolerance: float, max_cycles: int, stale: Sequence[NDArray[np.uint8]] | None = None) -> Cycles:
         """Bring the guess `w`, padded, to |mean of neighbours - w| / w <= tolerance in every cell, in place.
 
-        It gives up, with an infinite residual, where w leaves the range of doubles. With `local`, w is about right in most places
-        (a warm start), and coarse weights are renewed only where it still moves.
+        It gives up, with an infinite residual, where w leaves the range of doubles.
+
+        Args:
+            stale: for a warm start, the nodes of each level that have no weights yet, (n,); those of the others are about right.
         """
         residuals = []
-        e, change = None, np.inf
-        first = self.levels[0]
+        warm, change = stale is not None, np.inf
         inverse_degree = self.problem.inverse_degree
         smooth(w, inverse_degree, 1)  # residuals are gathered after sweeps only
         for _ in range(max_cycles):
             if change > SETTLED:
                 if smallest(w, inverse_degree) <= SMALLEST:
                     return Cycles(np.array([*residuals, np.inf]), False)
-                moved = None if e is None or not local else [stale_nodes(first.indptr, first.indices, e, 0.5 * SETTLED)]
-                self._reweigh(w, True, moved)
-            right, worst = gather_residual(w, inverse_degree, self.parent, self.share, first.blocks)
+                self._reweigh(w, True, stale)
+            right, worst = gather_residual(w, inverse_degree, self.parent, self.share, self.levels[0].blocks)
             residuals.append(worst)
             if not np.isfinite(worst):
                 return Cycles(np.array(residuals), False)
@@ -126,9 +132,22 @@ class Multigrid:
                 return Cycles(np.array(residuals), True)
             e = self._correction(0, right)
             change = float(np.max(np.abs(e)))
+            if warm and change > SETTLED:
+                stale = self._follow(e)
             correct_cells(w, self.parent, e)
-            smooth(w, inverse_degree, 2)
+            smooth(w, inverse_degree, SWEEPS)
         return Cycles(np.array(residuals), False)
+
+    def _follow(self, e: Array) -> list[NDArray[np.uint8]]:
+        """Let the weights follow a change of w by the factors 1 + e; the nodes of each level where they must be renewed."""
+        stale = []
+        for level in self.levels:
+            stale.append(stale_nodes(level.indptr, level.indices, e, RESHAPED))
+            follow(level.log_weight, e)
+            if len(level.parent):
+                below, e = e, np.empty(int(level.parent.max()) + 1)
+                e[level.parent] = below
+        return stale
 
     def _reweigh(self, w: Array, conditioned: bool, stale: Sequence[NDArray[np.uint8]] | None = None) -> None:
         """Weigh all levels with w; where `stale` is given, only its nodes of level 1, of the levels above, and their parents."""
@@ -152,7 +171,7 @@ class Multigrid:
             weigh(fine, coarse, w, conditioned, (width + 1.0) / (2.0 * width + 1.0), nodes)
             w = np.ones(coarse.size)
         last = self.levels[-1]
-        self._direct = eliminate(last.indptr, last.indices, last.probability, last.goal, last.loss, self._order)
+        self._direct = eliminate(last.indptr, last.indices, last.probability, last.goal, np.maximum(last.loss, 0.0), self._order)
 
     def _solve_last(self, right: Array) -> Array:
         assert self._direct is not None

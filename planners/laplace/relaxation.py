@@ -153,7 +153,7 @@ def _relative_residual(indptr, indices, probability, goal, w):
 @njit(cache=True)
 def _factor(e):
     """1 + e where that is a sound step, and positive whatever e is."""
-    return 1.0 + e if e >= -0.5 else -0.25 / e
+    return 1.0 + e if e >= -0.95 else 0.0025 / (-0.9 - e)
 
 
 @njit(cache=True)

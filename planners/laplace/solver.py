@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from planners.laplace.elimination import eliminate
 from planners.laplace.multigrid import Multigrid
 from planners.laplace.problem import LaplaceProblem
-from planners.laplace.warm import warm_field
+from planners.laplace.warm import warm_start
 from robocar.core import Array, BudgetExhausted, ParameterError
 
 REACHABLE = 4e-15
@@ -42,6 +42,7 @@ class Potential:
         exponent: like `mantissa`, which then lies in [0.5, 1) in free cells; None where w fits into doubles.
         method: what solved it.
         residuals: largest |mean of neighbours - w| / w of any cell after each cycle; of elimination the last only.
+        levels: coarse levels that solved it, for a warm start of the next problem; None where none did.
     """
 
     problem: LaplaceProblem
@@ -49,6 +50,7 @@ class Potential:
     exponent: NDArray[np.int32] | None
     method: str
     residuals: Array
+    levels: Multigrid | None = None
 
     @property
     def residual(self) -> float:
@@ -103,20 +105,21 @@ def solve(
             return potential
     if method != "elimination":
         levels = Multigrid(problem) if multigrid is None else multigrid
-        w = _warm_field(problem, guess) if guess is not None else None
-        if w is not None:
-            cycles = levels.improve(w, tolerance, WARM_CYCLES, local=True)
+        start = _warm_start(levels, guess) if guess is not None else None
+        if start is not None:
+            w, stale = start
+            cycles = levels.improve(w, tolerance, WARM_CYCLES, stale)
             residuals = cycles.residuals
             if not cycles.converged and residuals[-1] < WARM_RESIDUAL:
-                cycles = levels.improve(w, tolerance, MAX_CYCLES - WARM_CYCLES, local=True)
+                cycles = levels.improve(w, tolerance, MAX_CYCLES - WARM_CYCLES)
                 residuals = np.concatenate([residuals, cycles.residuals])
             if cycles.converged:
-                return Potential(problem, w, None, "multigrid", residuals)
+                return Potential(problem, w, None, "multigrid", residuals, levels)
         w = levels.first_guess()
         if w is not None:
             cycles = levels.improve(w, tolerance, MAX_CYCLES)
             if cycles.converged:
-                return Potential(problem, w, None, "multigrid", cycles.residuals)
+                return Potential(problem, w, None, "multigrid", cycles.residuals, levels)
             if method == "multigrid":
                 raise BudgetExhausted(f"multigrid: residual {cycles.residuals[-1]:.1e} after {MAX_CYCLES} cycles")
         elif method == "multigrid":
@@ -140,12 +143,11 @@ def _mean_width(inverse_degree):
     return 2.0 * cells / sides
 
 
-def _warm_field(problem: LaplaceProblem, guess: Potential) -> Array | None:
-    """The old solution on the new map, or None where it is of no use."""
-    old = guess.problem
-    if guess.exponent is not None or old.shape != problem.shape or not np.array_equal(old.goals, problem.goals):
+def _warm_start(levels: Multigrid, guess: Potential) -> tuple[Array, list[NDArray[np.uint8]]] | None:
+    old, problem = guess.problem, levels.problem
+    if guess.levels is None or old.shape != problem.shape or not np.array_equal(old.goals, problem.goals):
         return None
-    return warm_field(problem, old, guess.mantissa)
+    return warm_start(levels, guess.levels, guess.mantissa)
 
 
 # ---------------------------------------------------------------- elimination of cells

@@ -12,8 +12,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from planners.laplace.carry import carry
 from planners.laplace.multigrid import Multigrid
 from planners.laplace.problem import LaplaceProblem
+from planners.laplace.weights import beside
 from robocar.core import Array
 
 MARGIN = 16
@@ -22,29 +24,37 @@ MARGIN = 16
 LARGEST_SHARE = 0.25
 """Of the map, in windows: above it, the cycles over the whole map are as cheap."""
 
-WINDOW_TOLERANCE, WINDOW_CYCLES = 1e-4, 20
+WINDOW_TOLERANCE, WINDOW_CYCLES = 1e-2, 20
 """The rim is off by more than a closer solution would gain."""
 
 
-def warm_field(problem: LaplaceProblem, old: LaplaceProblem, w: Array) -> Array | None:
-    """A first guess from the solution of the map before the change; None where that is of no use.
+def warm_start(levels: Multigrid, old: Multigrid, w: Array) -> tuple[Array, list[NDArray[np.uint8]]] | None:
+    """A first guess from the solution of the map before the change, and the nodes of each of `levels` still to be weighed.
+
+    None where the old solution is of no use. The other weights of `levels` are set to those of `old`.
 
     Args:
-        old: the problem before the change, of the same shape, with the same goals.
+        old: levels that solved the map before the change, of the same shape, with the same goals.
         w: its solution, padded (rows + 2, cols + 2).
     """
+    problem = levels.problem
     guess = w.copy()
     if not _adapt(guess, problem.inverse_degree, problem.goals):
         return None
-    for window in windows(problem.inverse_degree != old.inverse_degree):
+    stale = carry(old, levels)
+    first = levels.levels[0]
+    for window in windows(problem.inverse_degree != old.problem.inverse_degree):
         _solve_window(problem, guess, window)
-    return guess
+        nodes = levels.parent[window]
+        stale[0][nodes[nodes >= 0]] = 1
+    stale[0] |= beside(first.indptr, first.indices, stale[0])  # the walk leads there with the new w
+    return guess, stale
 
 
 def windows(changed: NDArray[np.bool_]) -> list[tuple[slice, slice]]:
     """Rectangles around what has changed, none over another's changes; none at all where they cover too much of the map."""
     grown = np.zeros(changed.shape, np.uint8)
-    for rows, cols in _boxes(changed.astype(np.uint8)):
+    for rows, cols in _boxes(changed):
         margin = max(MARGIN, 2 * (rows.stop - rows.start), 2 * (cols.stop - cols.start))
         grown[max(0, rows.start - margin) : rows.stop + margin, max(0, cols.start - margin) : cols.stop + margin] = 1
     found = _boxes(grown)
@@ -52,10 +62,15 @@ def windows(changed: NDArray[np.bool_]) -> list[tuple[slice, slice]]:
     return found if area <= LARGEST_SHARE * changed.size else []
 
 
-def _boxes(mask: NDArray[np.uint8]) -> list[tuple[slice, slice]]:
+def _boxes(mask: NDArray) -> list[tuple[slice, slice]]:
     """Bounding boxes of the connected pieces of a mask."""
-    _, _, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    return [(slice(int(y), int(y + h)), slice(int(x), int(x + w))) for x, y, w, h, _ in stats[1:]]
+    rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if len(rows) == 0:
+        return []
+    top, left = int(rows[0]), int(cols[0])  # mostly a small part of the map: labels for all of it would take longer than the rest
+    part = mask[top : int(rows[-1]) + 1, left : int(cols[-1]) + 1].astype(np.uint8)
+    _, _, stats, _ = cv2.connectedComponentsWithStats(part, connectivity=8)
+    return [(slice(top + int(y), top + int(y + h)), slice(left + int(x), left + int(x + w))) for x, y, w, h, _ in stats[1:]]
 
 
 def _solve_window(problem: LaplaceProblem, w: Array, window: tuple[slice, slice]) -> None:

@@ -19,8 +19,7 @@ from planners.laplace.elimination import dissection_order, eliminate
 from planners.laplace.levels import coarser, first_level
 from planners.laplace.relaxation import largest_residual
 from planners.laplace.solver import REACHABLE, WARM_CYCLES, WARM_RESIDUAL
-from planners.laplace.warm import LARGEST_SHARE, MARGIN, warm_field, windows
-from planners.laplace.weights import stale_nodes
+from planners.laplace.warm import LARGEST_SHARE, MARGIN, WINDOW_TOLERANCE, warm_start, windows
 from robocar.core import GoalOccupied, NoPathFound, OutsideMap, ParameterError
 from robocar.formats.generated import cave, maze, rooms
 
@@ -278,17 +277,49 @@ def test_a_warm_start_is_solved_around_the_change_and_untouched_elsewhere() -> N
     changed = blocked.copy()
     changed[60:80, 290:310] = True
     problem = laplace_problem(changed, goal)
-    guess = warm_field(problem, old.problem, old.mantissa)
-    assert guess is not None
+    assert old.levels is not None
+    start = warm_start(Multigrid(problem), old.levels, old.mantissa)
+    assert start is not None
+    guess, stale = start
+    assert 2000 < stale[0].sum() < 3500  # of 2 x 2 cells, for a window of 100 x 100
     w, neighbours = guess[1:-1, 1:-1], guess[:-2, 1:-1] + guess[2:, 1:-1] + guess[1:-1, :-2] + guess[1:-1, 2:]
     inner, outer = np.zeros_like(blocked), np.ones_like(blocked)
     inner[25:115, 255:345], outer[15:125, 245:355] = problem.unknowns[25:115, 255:345], False
     assert np.count_nonzero(inner) > 5000
-    assert np.abs(0.25 * neighbours / np.where(inner, w, 1) - 1)[inner].max() < 2e-4
+    assert np.abs(0.25 * neighbours / np.where(inner, w, 1) - 1)[inner].max() < 2 * WINDOW_TOLERANCE
     assert np.array_equal(w[outer], old.w[outer])
     cold, warm = solve(problem, 1e-10, method="multigrid"), solve(problem, 1e-10, method="multigrid", guess=old)
     assert relative_error(warm, solve(problem, 1e-13).w) < 1e-6
     assert len(warm.residuals) <= len(cold.residuals)
+
+
+def test_one_cycle_finds_a_large_error() -> None:
+    # oracle: a closer solution. Behind the obstacle and beside it, the old w is too large by factors of up to 50
+    blocked, goal = two_rooms(300)
+    old = solve(laplace_problem(blocked, goal), 1e-10, method="multigrid")
+    changed = blocked.copy()
+    changed[150:170, 200:220] = True
+    problem = laplace_problem(changed, goal)
+    exact, free = solve(problem, 1e-13, method="multigrid").mantissa, problem.inverse_degree > 0
+    assert old.levels is not None
+    levels = Multigrid(problem)
+    start = warm_start(levels, old.levels, old.mantissa)
+    assert start is not None
+    w, stale = start
+    assert np.abs(w[free] / exact[free] - 1).max() > 0.5
+    levels.improve(w, 1e-10, 1, stale)
+    assert np.abs(w[free] / exact[free] - 1).max() < 0.03
+    bent = np.where(
+        free, exact * (1.0 + 3.0 * np.sin(np.linspace(0, np.pi, len(exact)))[:, None]), exact
+    )  # loss here, gain there
+    levels.improve(bent, 1e-10, 1)
+    assert np.abs(bent[free] / exact[free] - 1).max() < 0.2
+
+
+def test_cycles_gain_a_digit_about_a_goal_in_the_open() -> None:
+    found = solve(laplace_problem(np.zeros((200, 200), dtype=bool), (100, 100)), 1e-12, method="multigrid")
+    assert len(found.residuals) == 10
+    assert found.residuals[-1] < 0.1 * found.residuals[-2]
 
 
 def test_weights_are_renewed_where_w_has_changed_as_if_everywhere() -> None:
@@ -303,8 +334,7 @@ def test_weights_are_renewed_where_w_has_changed_as_if_everywhere() -> None:
     e[np.random.default_rng(2).choice(len(e), 40, replace=False)] = 0.7
     inside = partly.parent >= 0
     w[inside] *= 1.0 + e[partly.parent[inside]]
-    first = partly.levels[0]
-    partly._reweigh(w, True, [stale_nodes(first.indptr, first.indices, e, 0.05)])
+    partly._reweigh(w, True, partly._follow(e))
     wholly._reweigh(w, conditioned=True)
     assert len(partly.levels) >= 3
     for some, every, old in zip(partly.levels, wholly.levels, before, strict=True):
@@ -314,6 +344,23 @@ def test_weights_are_renewed_where_w_has_changed_as_if_everywhere() -> None:
         assert np.array_equal(some.share, every.share)
         assert not np.array_equal(some.probability, old)
     assert np.array_equal(partly.share, wholly.share)
+
+
+def test_weights_follow_a_factor_that_varies_slowly() -> None:
+    # oracle: all weights anew. w changes by factors from 1 to 4 over 60 nodes, 2 % from node to node
+    problem = laplace_problem(*two_rooms(120))
+    kept, anew = Multigrid(problem), Multigrid(problem)
+    w = solve(problem, 1e-10, method="multigrid").mantissa.copy()
+    kept._reweigh(w, conditioned=True)
+    e = 4.0 ** (np.abs(kept.levels[0].blocks[:, 0] - problem.goals[0, 0] // 2) / 60.0) - 1.0
+    inside = kept.parent >= 0
+    w[inside] *= 1.0 + e[kept.parent[inside]]
+    stale = kept._follow(e)
+    assert stale[0].mean() > 0.9
+    kept._reweigh(w, True, [np.zeros_like(nodes) for nodes in stale[:2]] + stale[2:])  # as if the factor varied less
+    anew._reweigh(w, conditioned=True)
+    for some, every in zip(kept.levels, anew.levels, strict=True):
+        np.testing.assert_allclose(some.log_weight - some.log_weight[0], every.log_weight - every.log_weight[0], atol=0.4)
 
 
 def weights_of(levels: Multigrid) -> list[np.ndarray]:
@@ -409,14 +456,14 @@ def test_weights_of_a_walk_sum_to_one_and_fit_its_equations() -> None:
 
 
 def test_a_slow_warm_start_goes_on() -> None:
-    # oracle: elimination. Among random obstacles, cycles gain a third of a digit each
-    blocked = np.random.default_rng(8).random((200, 200)) < 0.25
+    # oracle: elimination. Among random obstacles, cycles gain half a digit each
+    blocked = np.random.default_rng(9).random((200, 200)) < 0.3
     blocked[100, 100] = False
     old = solve(laplace_problem(blocked, (100, 100)), 1e-10, method="multigrid")
     changed = blocked.copy()
     changed[60:80, 110:130] = True
     problem = laplace_problem(changed, (100, 100))
-    warm = solve(problem, 1e-10, method="multigrid", guess=old)
+    warm = solve(problem, 1e-13, method="multigrid", guess=old)
     assert len(warm.residuals) > WARM_CYCLES
     assert warm.residuals[WARM_CYCLES] < WARM_RESIDUAL  # where a first guess would begin with about 1
     assert relative_error(warm, solve(problem, method="elimination").w) < 1e-8
