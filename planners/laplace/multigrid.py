@@ -1,9 +1,10 @@
 """Multiplicative multigrid: w to a component-wise residual, in time proportional to the number of cells.
 
 Each cycle takes the relative residual (mean of the neighbours - w) / w to the coarse levels, multiplies w by one plus the
-relative error found there (a positive factor, so w stays positive), and smooths by two red-black Gauss-Seidel sweeps. The
+relative error found there (a positive factor, so w stays positive), and smooths by red-black Gauss-Seidel sweeps. The
 coarse levels are re-weighted with the current w until it settles, as in iterative aggregation and disaggregation (Horton and
-Leutenegger 1994). No step subtracts numbers of different magnitude, so the error is small relative to w in *every* cell.
+Leutenegger 1994), and know where it is not a solution yet, so that even the first cycle takes a large error for what it is.
+No step subtracts numbers of different magnitude, so the error is small relative to w in *every* cell.
 """
 
 from __future__ import annotations
@@ -139,14 +140,17 @@ class Multigrid:
         return Cycles(np.array(residuals), False)
 
     def _follow(self, e: Array) -> list[NDArray[np.uint8]]:
-        """Let the weights follow a change of w by the factors 1 + e; the nodes of each level where they must be renewed."""
+        """Let the weights follow a change of w by the factors 1 + e; the nodes of each level where they must be renewed.
+
+        On coarse levels, any child's factor stands for all: where children differ much, they are renewed, and so is the parent.
+        """
         stale = []
         for level in self.levels:
             stale.append(stale_nodes(level.indptr, level.indices, e, RESHAPED))
             follow(level.log_weight, e)
             if len(level.parent):
-                below, e = e, np.empty(int(level.parent.max()) + 1)
-                e[level.parent] = below
+                factors, e = e, np.empty(int(level.parent.max()) + 1)
+                e[level.parent] = factors
         return stale
 
     def _reweigh(self, w: Array, conditioned: bool, stale: Sequence[NDArray[np.uint8]] | None = None) -> None:

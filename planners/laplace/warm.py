@@ -1,8 +1,8 @@
 """A solution on a map that has changed a little, as the start for the next one.
 
-Far from a change, w changes by a factor that varies slowly: the coarse levels find it in few cycles. Next to a new wall w falls
-to a fraction of what it was, and cycles over the whole map that do little but repair this are spared by solving a window around
-the change first, its rim held at the old values.
+Far from a change, w changes by a factor that varies slowly: the coarse levels find it in few cycles, with the weights they had.
+Next to a new wall w falls to a fraction of what it was, and cycles over the whole map that do little but repair this are spared
+by solving a window around the change first, its rim held at the old values.
 """
 
 from __future__ import annotations

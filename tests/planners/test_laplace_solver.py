@@ -469,6 +469,26 @@ def test_a_slow_warm_start_goes_on() -> None:
     assert relative_error(warm, solve(problem, method="elimination").w) < 1e-8
 
 
+def test_warm_starts_one_after_another_stay_as_quick_and_exact() -> None:
+    # oracle: elimination. Weights are carried from each map to the next; obstacles come and go
+    rng = np.random.default_rng(3)
+    empty, goal = two_rooms(160)
+    squares = rng.integers(5, 145, (30, 2))
+    squares = squares[np.abs(squares - goal).max(axis=1) > 15]
+    potential = solve(laplace_problem(empty, goal), 1e-11, method="multigrid")
+    cycles = []
+    for k in range(len(squares)):
+        blocked = empty.copy()
+        for row, col in squares[max(0, k - 3) : k + 1]:
+            blocked[row : row + 10, col : col + 10] = True
+        problem = laplace_problem(blocked, goal)
+        potential = solve(problem, 1e-11, method="multigrid", guess=potential)
+        cycles.append(len(potential.residuals))
+    assert len(cycles) > 20
+    assert max(cycles[-8:]) <= max(cycles[:8]) + 3
+    assert relative_error(potential, solve(problem, method="elimination").w) < 1e-9
+
+
 @given(st.lists(st.tuples(st.integers(0, 199), st.integers(0, 149), st.integers(1, 25)), min_size=1, max_size=6))
 def test_windows_hold_every_change_with_a_margin(squares) -> None:
     changed = np.zeros((200, 150), dtype=bool)
