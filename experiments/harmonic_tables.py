@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from planners.laplace import best_omega, block_sweep, laplace_problem, solve, sweep
 from planners.laplace.lattice import Scheme
+from robocar.console import say
 from robocar.experiment import Report
 
 SIZES = (300, 600, 900, 1200, 1500, 1800)
@@ -93,6 +94,7 @@ def main(out: Path, quick: bool = False) -> None:
                 report.number(f"case{case}/{name}/{n}/seconds", found.seconds, "s", paper_t)
                 report.number(f"case{case}/{name}/{n}/best_iterations", best.iterations, "1")
                 report.number(f"case{case}/{name}/{n}/best_seconds", best.seconds, "s")
+                say(f"case {case}, N = {n}, {name}: {found.iterations} iterations in {found.seconds:.1f} s")
                 if n == sizes[0]:
                     curves[case, name, f"ω = {OMEGA}"], curves[case, name, "best ω"] = found.changes, best.changes
             seconds, potential = _fast(problem)

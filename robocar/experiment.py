@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from robocar.console import sweep_bar
 from robocar.core import OutputError, UnknownNameError
 from robocar.registry import did_you_mean
 
@@ -84,11 +85,19 @@ def _cell(value: object) -> str:
 
 
 def run_many(jobs: Sequence[Mapping[str, Any]]) -> list[RunResult]:
-    """`robocar.run(**job)` for each job, in processes of their own, one per core; results in the order of the jobs."""
+    """`robocar.run(**job)` for each job, in processes of their own, one per core; results in the order of the jobs.
+
+    On a terminal, a bar shows how far it is.
+    """
     workers = min(len(jobs), os.cpu_count() or 1)
+    results: list[RunResult] = []
     # Fresh processes: a forked one would inherit the renderer's and the recorder's threads in an undefined state.
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-        return list(pool.map(_run_one, jobs))
+    with sweep_bar() as update, ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+        for result in pool.map(_run_one, jobs):
+            results.append(result)
+            if update:
+                update(len(results), len(jobs), 0)
+    return results
 
 
 def _run_one(job: Mapping[str, Any]) -> RunResult:
