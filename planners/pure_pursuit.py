@@ -188,10 +188,10 @@ class PurePursuit:
         turn = 0.0 if goal.heading is None else math.remainder(goal.heading - pose.theta, math.tau)
         if abs(turn) <= STOPPING_SHARE * goal.yaw_goal_tolerance:
             return self._drive(view, 0.0, 0.0)
-        other = turn - math.copysign(math.tau, turn)
-        if not view.free_turn(turn) and view.free_turn(other):
-            turn = other
-        return self._drive(view, 0.0, self._turning_speed(turn))
+        for angle in (turn, turn - math.copysign(math.tau, turn)):
+            if view.free_turn(angle):
+                return self._drive(view, 0.0, self._turning_speed(angle))
+        return self._back_up(view, {})  # turning as far as it goes would end in what is in the way: noise hides it now and then
 
     def _back_up(self, view: View, trace: dict[str, Drawable]) -> Drive:
         """Out of where the car can neither go on nor turn: back on the freest of three arcs, else a little turn either way."""
