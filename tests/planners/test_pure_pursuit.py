@@ -149,6 +149,24 @@ def test_the_heading_of_the_goal_is_taken_up() -> None:
     assert abs(math.remainder(poses[-1].theta + 2.0, math.tau)) <= 0.5 * goal.yaw_goal_tolerance + 1e-9
 
 
+def test_it_backs_out_of_where_it_cannot_turn() -> None:
+    """By hand: posts 2 cm beside the nose stop a turn of 90 degrees either way, but not one from a little farther back."""
+    costs = np.zeros((80, 80), dtype=np.uint8)
+    costs[51, 48] = costs[28, 48] = 254  # about (0.085, 0.115) and (0.085, -0.115)
+    costmap, planner, pose = Costmap(costs, 0.01, SE2(-0.4, -0.4)), PurePursuit(car(), DT), SE2()
+    speeds = []
+    for _ in range(200):
+        goal = Goal(pose.position, heading=math.pi / 2)  # to turn wherever it is
+        twist = planner.command(Belief(pose), None, costmap, OBSERVATION, goal).twist
+        speeds.append(twist.v)
+        pose = pose @ twist.step(DT)
+        x, y = (np.array(pose.position) + 0.4) / 0.01
+        assert footprint_free(costs, x, y, pose.theta, np.array(car().footprint.vertices) / 0.01)
+    assert min(speeds) < 0.0 <= speeds[-1]
+    assert -0.12 < pose.x < -0.005
+    assert abs(math.remainder(pose.theta - math.pi / 2, math.tau)) < 0.2
+
+
 def test_it_stops_before_a_wall_across_its_path() -> None:
     """Property: a wall at x = 1.0 m is never touched, and the car comes to within 0.1 m of it."""
     costs = np.zeros((40, 60), dtype=np.uint8)
