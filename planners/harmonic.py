@@ -137,7 +137,7 @@ def build(context: Context) -> Harmonic:
 
 @cache
 def _compile() -> None:
-    """Compiles here, not in the control loop: a corridor is eliminated, a hall needs multigrid, then a window and a warm start."""
+    """Compiles here, not in the control loop: a corridor is eliminated, a hall needs multigrid, then a warm start in a window."""
     corridor, hall, changed = np.zeros((2, 9)), np.zeros((80, 80)), np.zeros((80, 80))
     changed[20:23, 20:23] = LETHAL
     for smooth in (True, False):
