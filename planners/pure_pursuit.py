@@ -130,9 +130,9 @@ class PurePursuit:
                 return self._back_up(view, trace)
             turns = self.parameters.use_rotate_to_heading and abs(arc.bearing) > self.parameters.rotate_to_heading_min_angle
             if abs(arc.bearing) > _ALIGNED and (turns or arc.free <= _TOUCHING):
-                for angle in (arc.bearing, arc.bearing - math.copysign(math.tau, arc.bearing)):
-                    if view.free_turn(angle):
-                        return self._drive(view, 0.0, self._turning_speed(angle), trace)
+                turning = self._turn(view, arc.bearing, trace)
+                if turning is not None:
+                    return turning
             if arc.free > _TOUCHING:
                 return self._drive_arc(view, arc, trace)
         self._back_up_left = self.parameters.back_up_distance
@@ -183,15 +183,20 @@ class PurePursuit:
         fastest = min(self.parameters.rotate_to_heading_angular_vel, self._limits.max_vel_theta)
         return math.copysign(min(fastest, math.sqrt(self._limits.acc_lim_theta * abs(angle))), angle)
 
+    def _turn(self, view: View, angle: float, trace: dict[str, Drawable]) -> Drive | None:
+        """On the spot by `angle` [rad], or the other way round; None where neither is free."""
+        for way in (angle, angle - math.copysign(math.tau, angle)):
+            if view.free_turn(way):
+                return self._drive(view, 0.0, self._turning_speed(way), trace)
+        return None
+
     def _align(self, view: View, pose: SE2, goal: Goal) -> Drive:
         """At the goal: stand, or turn to its heading."""
         turn = 0.0 if goal.heading is None else math.remainder(goal.heading - pose.theta, math.tau)
         if abs(turn) <= STOPPING_SHARE * goal.yaw_goal_tolerance:
             return self._drive(view, 0.0, 0.0)
-        for angle in (turn, turn - math.copysign(math.tau, turn)):
-            if view.free_turn(angle):
-                return self._drive(view, 0.0, self._turning_speed(angle))
-        return self._back_up(view, {})  # turning as far as it goes would end in what is in the way: noise hides it now and then
+        # turning as far as it goes would end in what is in the way: noise hides it now and then
+        return self._turn(view, turn, {}) or self._back_up(view, {})
 
     def _back_up(self, view: View, trace: dict[str, Drawable]) -> Drive:
         """Out of where the car can neither go on nor turn: back on the freest of three arcs, else a little turn either way."""

@@ -145,12 +145,12 @@ class Multigrid:
         On coarse levels, any child's factor stands for all: where children differ much, they are renewed, and so is the parent.
         """
         stale = []
-        for level in self.levels:
+        for k, level in enumerate(self.levels):
+            if k > 0:
+                below, e = e, np.empty(level.size)
+                e[self.levels[k - 1].parent] = below
             stale.append(stale_nodes(level.indptr, level.indices, e, RESHAPED))
             follow(level.log_weight, e)
-            if len(level.parent):
-                factors, e = e, np.empty(int(level.parent.max()) + 1)
-                e[level.parent] = factors
         return stale
 
     def _reweigh(self, w: Array, conditioned: bool, stale: Sequence[NDArray[np.uint8]] | None = None) -> None:

@@ -33,9 +33,9 @@ def stale_nodes(indptr, indices, e, limit):
     for i in range(len(e)):
         low = high = e[i]
         for a in range(np.uint32(indptr[i]), np.uint32(indptr[i + 1])):
-            beside = e[np.uint32(indices[a])]
-            low = min(low, beside)
-            high = max(high, beside)
+            other = e[np.uint32(indices[a])]
+            low = min(low, other)
+            high = max(high, other)
         stale[i] = not high - low <= limit * max(1.0 + low, 0.05)
     return stale
 

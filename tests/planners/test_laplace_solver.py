@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse.csgraph import connected_components
 
-from planners.laplace import LaplaceProblem, Multigrid, laplace_problem, solve
+from planners.laplace import LaplaceProblem, Multigrid, Potential, laplace_problem, solve
 from planners.laplace.carry import carry
 from planners.laplace.elimination import dissection_order, eliminate
 from planners.laplace.levels import coarser, first_level
@@ -270,20 +270,26 @@ def test_warm_start_gives_the_new_solution(change) -> None:
     assert not np.allclose(warm.w, old.w, rtol=1e-3)
 
 
-def test_a_warm_start_is_solved_around_the_change_and_untouched_elsewhere() -> None:
-    # oracle: the equations by hand; the window reaches 2 x 20 cells beyond the obstacle
-    blocked, goal = two_rooms(400)
+def after_an_obstacle(n: int, row: int, col: int) -> tuple[Potential, Multigrid, np.ndarray, list[np.ndarray]]:
+    """What two rooms were solved to before 20 x 20 cells were filled; then levels, first guess and nodes to be weighed."""
+    blocked, goal = two_rooms(n)
     old = solve(laplace_problem(blocked, goal), 1e-10, method="multigrid")
     changed = blocked.copy()
-    changed[60:80, 290:310] = True
-    problem = laplace_problem(changed, goal)
+    changed[row : row + 20, col : col + 20] = True
+    levels = Multigrid(laplace_problem(changed, goal))
     assert old.levels is not None
-    start = warm_start(Multigrid(problem), old.levels, old.mantissa)
+    start = warm_start(levels, old.levels, old.mantissa)
     assert start is not None
-    guess, stale = start
+    return old, levels, *start
+
+
+def test_a_warm_start_is_solved_around_the_change_and_untouched_elsewhere() -> None:
+    # oracle: the equations by hand; the window reaches 2 x 20 cells beyond the obstacle
+    old, levels, guess, stale = after_an_obstacle(400, 60, 290)
+    problem = levels.problem
     assert 2000 < stale[0].sum() < 3500  # of 2 x 2 cells, for a window of 100 x 100
     w, neighbours = guess[1:-1, 1:-1], guess[:-2, 1:-1] + guess[2:, 1:-1] + guess[1:-1, :-2] + guess[1:-1, 2:]
-    inner, outer = np.zeros_like(blocked), np.ones_like(blocked)
+    inner, outer = np.zeros_like(problem.unknowns), np.ones_like(problem.unknowns)
     inner[25:115, 255:345], outer[15:125, 245:355] = problem.unknowns[25:115, 255:345], False
     assert np.count_nonzero(inner) > 5000
     assert np.abs(0.25 * neighbours / np.where(inner, w, 1) - 1)[inner].max() < 2 * WINDOW_TOLERANCE
@@ -295,17 +301,8 @@ def test_a_warm_start_is_solved_around_the_change_and_untouched_elsewhere() -> N
 
 def test_one_cycle_finds_a_large_error() -> None:
     # oracle: a closer solution. Behind the obstacle and beside it, the old w is too large by factors of up to 50
-    blocked, goal = two_rooms(300)
-    old = solve(laplace_problem(blocked, goal), 1e-10, method="multigrid")
-    changed = blocked.copy()
-    changed[150:170, 200:220] = True
-    problem = laplace_problem(changed, goal)
-    exact, free = solve(problem, 1e-13, method="multigrid").mantissa, problem.inverse_degree > 0
-    assert old.levels is not None
-    levels = Multigrid(problem)
-    start = warm_start(levels, old.levels, old.mantissa)
-    assert start is not None
-    w, stale = start
+    _, levels, w, stale = after_an_obstacle(300, 150, 200)
+    exact, free = solve(levels.problem, 1e-13, method="multigrid").mantissa, levels.problem.inverse_degree > 0
     assert np.abs(w[free] / exact[free] - 1).max() > 0.5
     levels.improve(w, 1e-10, 1, stale)
     assert np.abs(w[free] / exact[free] - 1).max() < 0.03
