@@ -12,10 +12,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.transforms import Affine2D
 
-from planners.bug_view import Parameters
-from planners.open_points import VirtualCircle
 from robocar.core import OCCUPIED, Array, OccupancyGrid
 from robocar.formats import save_ros_map
+from robocar.planners.bugs.view import Parameters
+from robocar.planners.tracking.open_points import VirtualCircle
 from robocar.run import RunResult
 from robocar.scenario import load_scenario
 from robocar.scene import Scene

@@ -13,10 +13,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from planners.bug_view import View
-from planners.ocpb import OperativeCriticalPointBug
-from planners.open_points import Surround, find_open_points
 from robocar.core import SE2, Array, Belief, Context, Goal, Observation, RangeSensor, Robot, Scan
+from robocar.planners.bugs.ocpb.strategy import OperativeCriticalPointBug
+from robocar.planners.bugs.view import View
+from robocar.planners.tracking.open_points import Surround, find_open_points
 from robocar.registry import build
 from robocar.sim.car import LIMITS, footprint, load_calibration
 

@@ -19,7 +19,7 @@ import pyamg
 import scipy.sparse as sp
 
 from experiments.harmonic_tables import OMEGA, PAPER, room_map
-from planners.laplace import LaplaceProblem, laplace_problem, solve, sweep
+from robocar.planners.harmonic.laplace import LaplaceProblem, laplace_problem, solve, sweep
 
 TOLERANCE = 1e-10
 

@@ -17,15 +17,15 @@ import numpy as np
 from rich.console import Console
 
 from experiments.bench_planners import CAR, PERIOD, table
-from planners.costmap import Parameters as Inflation
-from planners.costmap import inflate
-from planners.dwa import DynamicWindow
-from planners.mppi import MPPI
-from planners.random_trees import Obstacles
-from planners.rolling_costmap import RollingCostmap
-from planners.rrt import Parameters, circle_world, path_cost, search
 from robocar.core import SE2, Belief, Drive, Goal, Observation, OccupancyGrid, Path, Scan
 from robocar.core.rays import cast_rays
+from robocar.planners.controllers.dwa import DynamicWindow
+from robocar.planners.controllers.mppi import MPPI
+from robocar.planners.costmap.layered import Parameters as Inflation
+from robocar.planners.costmap.layered import inflate
+from robocar.planners.costmap.rolling import RollingCostmap
+from robocar.planners.sampling.random_trees import Obstacles
+from robocar.planners.sampling.rrt import Parameters, circle_world, path_cost, search
 
 STEP = 10.0  # of both planners; it has no unit there
 

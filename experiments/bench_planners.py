@@ -19,12 +19,6 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from planners.a_star import AStar
-from planners.costmap import LayeredCostmap, Parameters, inflate
-from planners.d_star_lite import DStarLite
-from planners.navigator import PlanAndFollow
-from planners.pure_pursuit import PurePursuit
-from planners.theta_star import ThetaStar
 from robocar.core import (
     SE2,
     Belief,
@@ -42,6 +36,12 @@ from robocar.core import (
 from robocar.core.rays import cast_rays
 from robocar.formats.generated import cave, maze, rooms
 from robocar.formats.load import load_map
+from robocar.planners.controllers.pure_pursuit import PurePursuit
+from robocar.planners.costmap.layered import LayeredCostmap, Parameters, inflate
+from robocar.planners.navigators.plan_and_follow import PlanAndFollow
+from robocar.planners.search.a_star import AStar
+from robocar.planners.search.d_star_lite import DStarLite
+from robocar.planners.search.theta_star import ThetaStar
 
 CAR = Robot(
     Footprint.rectangle(front=0.11, rear=0.10, half_width=0.09),

@@ -18,11 +18,11 @@ from scipy.sparse.csgraph import dijkstra
 
 from experiments._safe_direction_worlds import FIGURES
 from experiments.safe_direction_figures import bare_car
-from planners.safe_direction_method import Directions, Parameters
-from planners.safe_direction_view import Panorama, Sector
-from planners.transforms import METRICS, distance_transform, obstacle_transform, path_transform
 from robocar.core import SE2, Scan
 from robocar.core.rays import cast_rays
+from robocar.planners.safe_direction.method import Directions, Parameters
+from robocar.planners.safe_direction.view import Panorama, Sector
+from robocar.planners.search.transforms import METRICS, distance_transform, obstacle_transform, path_transform
 from robocar.sim.car import footprint
 
 

@@ -19,14 +19,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.transforms import Affine2D
 
-from planners.a_star import AStar
-from planners.costmap import Parameters, inflate
-from planners.harmonic import Harmonic
-from planners.laplace import laplace_problem, solve
-from planners.streamline import streamline
 from robocar.core import OCCUPIED, SE2, Array, Costmap, OccupancyGrid
 from robocar.core.distance import ClearanceField
 from robocar.experiment import Report, run_many
+from robocar.planners.costmap.layered import Parameters, inflate
+from robocar.planners.harmonic.laplace import laplace_problem, solve
+from robocar.planners.harmonic.planner import Harmonic
+from robocar.planners.harmonic.streamline import streamline
+from robocar.planners.search.a_star import AStar
 from robocar.run import RunResult
 from robocar.scenario import load_scenario, scenario_names
 from robocar.scene import Scene

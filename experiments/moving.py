@@ -18,9 +18,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from experiments._bug_worlds import ROBOT, grid, room
-from planners.bug_view import Parameters
 from robocar.core import Array
 from robocar.experiment import Report, run_many
+from robocar.planners.bugs.view import Parameters
 from robocar.run import RunResult
 
 CROWDS = (1, 2, 4, 6, 8)

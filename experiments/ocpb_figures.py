@@ -20,14 +20,14 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from experiments._bug_worlds import CIRCLE, ROBOT, circle, draw, grid, room, scene_of
-from planners.bug_view import Parameters
-from planners.ocpb import OperativeCriticalPointBug
-from planners.open_points import OpenPoint, Panorama, find_open_points
 from robocar.core import SE2, STOP, Array, Belief, Command, Context, Done, GiveUp, Goal, OccupancyGrid
 from robocar.core.randomness import stream
 from robocar.core.rays import cast_rays
 from robocar.estimation.no_mapper import NoMapper
 from robocar.experiment import Report
+from robocar.planners.bugs.ocpb.strategy import OperativeCriticalPointBug
+from robocar.planners.bugs.view import Parameters
+from robocar.planners.tracking.open_points import OpenPoint, Panorama, find_open_points
 from robocar.registry import build
 from robocar.run import simulate
 

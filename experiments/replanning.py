@@ -20,12 +20,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.transforms import Affine2D
 
-from planners.a_star import AStar
 from robocar.core import LETHAL, Array, Costmap, OccupancyGrid
 from robocar.core.distance import obstacle_distance
 from robocar.experiment import Report, run_many
 from robocar.formats import save_ros_map
 from robocar.formats.generated import cave, maze, rooms
+from robocar.planners.search.a_star import AStar
 from robocar.recording import read_signal
 from robocar.run import RunResult
 from robocar.scenario import load_scenario

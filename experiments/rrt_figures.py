@@ -23,12 +23,12 @@ import yaml
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
-from planners.costmap import inflate
-from planners.random_trees import Growth
-from planners.rrt import Parameters, costmap_world, path_cost, search
 from robocar.core import Array, NoPathFound
 from robocar.experiment import Report, run_many
 from robocar.paths import MODELS
+from robocar.planners.costmap.layered import inflate
+from robocar.planners.sampling.random_trees import Growth
+from robocar.planners.sampling.rrt import Parameters, costmap_world, path_cost, search
 from robocar.run import RunResult
 from robocar.scenario import load_scenario
 from robocar.scene import Scene

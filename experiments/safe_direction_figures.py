@@ -21,13 +21,13 @@ from matplotlib.axes import Axes
 from scipy.stats import spearmanr
 
 from experiments._safe_direction_worlds import FIGURES, Drawn, culdesac, middle_error, outline_clearance, path_clearance
-from planners.safe_direction_method import Directions, Parameters
-from planners.safe_direction_view import Panorama, Sector
-from planners.transforms import descend, distance_transform, obstacle_transform
 from robocar.core import SE2, Array, Footprint, Robot, Scan
 from robocar.core.rays import cast_rays
 from robocar.core.robot import Calibration, Limits
 from robocar.experiment import Report, run_many
+from robocar.planners.safe_direction.method import Directions, Parameters
+from robocar.planners.safe_direction.view import Panorama, Sector
+from robocar.planners.search.transforms import descend, distance_transform, obstacle_transform
 from robocar.run import RunResult
 from robocar.sim.car import footprint
 

@@ -17,9 +17,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from planners.dynamic_a_star import Lattice
 from robocar.core import SE2, Array
 from robocar.experiment import Report, run_many
+from robocar.planners.search.dynamic_a_star import Lattice
 from robocar.run import RunResult
 from robocar.scenario import load_scenario
 from robocar.scene import Scene

@@ -39,59 +39,63 @@ class Entry:
 
 def _follow(global_planner: str, summary: str, paper: str) -> Entry:
     """A navigator that plans on the map and follows the path by pure pursuit."""
-    module = f"planners.{global_planner}"
+    module = f"robocar.planners.{global_planner}"
     return Entry(
-        "planners.navigator:plan_and_follow",
+        "robocar.planners.navigators.plan_and_follow:plan_and_follow",
         summary,
         paper,
-        parts=(f"{module}:build", "planners.pure_pursuit:build"),
+        parts=(f"{module}:build", "robocar.planners.controllers.pure_pursuit:build"),
         parameters=(
             f"{module}:Parameters",
-            "planners.pure_pursuit:Parameters",
-            "planners.costmap:Parameters",
-            "planners.navigator:Parameters",
+            "robocar.planners.controllers.pure_pursuit:Parameters",
+            "robocar.planners.costmap.layered:Parameters",
+            "robocar.planners.navigators.plan_and_follow:Parameters",
         ),
     )
 
 
 def _avoid(global_planner: str, local_planner: str, summary: str, paper: str) -> Entry:
     """A navigator that plans on the map, and whose local planner looks for its own way along the path."""
-    module, local = f"planners.{global_planner}", f"planners.{local_planner}"
+    module, local = f"robocar.planners.{global_planner}", f"robocar.planners.{local_planner}"
     return Entry(
-        "planners.navigator:plan_and_avoid",
+        "robocar.planners.navigators.plan_and_follow:plan_and_avoid",
         summary,
         paper,
         parts=(f"{module}:build", f"{local}:build"),
         parameters=(
             f"{module}:Parameters",
             f"{local}:Parameters",
-            "planners.steering:Parameters",
-            "planners.costmap:Parameters",
-            "planners.rolling_costmap:Parameters",
-            "planners.navigator:Parameters",
-            "planners.recovery:Parameters",
+            "robocar.planners.controllers.steering:Parameters",
+            "robocar.planners.costmap.layered:Parameters",
+            "robocar.planners.costmap.rolling:Parameters",
+            "robocar.planners.navigators.plan_and_follow:Parameters",
+            "robocar.planners.navigators.recovery:Parameters",
         ),
     )
 
 
 def _bug(module: str, summary: str, paper: str, *more: str) -> Entry:
     """A bug: what it sees all round, turns on the spot and straight motions."""
-    parameters = ("planners.bug_view:Parameters", *more)
-    return Entry(f"planners.{module}:build", summary, paper, parameters=parameters)
+    parameters = ("robocar.planners.bugs.view:Parameters", *more)
+    return Entry(f"robocar.planners.{module}:build", summary, paper, parameters=parameters)
 
 
 _BUGS = {
-    "bug1": ("bug1", "once round every obstacle, left where it is closest to the goal", "Lumelsky and Stepanov 1987"),
-    "bug2": ("bug2", "along obstacles back to the line from start to goal", "Lumelsky and Stepanov 1987"),
-    "dist-bug": ("dist_bug", "along obstacles until what is free ahead brings it closer than ever", "Kamon and Rivlin 1997"),
+    "bug1": ("bugs.bug1", "once round every obstacle, left where it is closest to the goal", "Lumelsky and Stepanov 1987"),
+    "bug2": ("bugs.bug2", "along obstacles back to the line from start to goal", "Lumelsky and Stepanov 1987"),
+    "dist-bug": ("bugs.dist_bug", "along obstacles until what is free ahead brings it closer than ever", "Kamon and Rivlin 1997"),
     "tangent-bug": (
-        "tangent_bug",
+        "bugs.tangent_bug",
         "over ends of obstacles in sight that are closer to the goal",
         "Kamon, Rimon and Rivlin 1998",
     ),
-    "point-bug": ("point_bug", "to the end of an obstacle whose direction is nearest to the goal's", "Buniyamin et al. 2011"),
+    "point-bug": (
+        "bugs.point_bug",
+        "to the end of an obstacle whose direction is nearest to the goal's",
+        "Buniyamin et al. 2011",
+    ),
     "critical-point-bug": (
-        "critical_point_bug",
+        "bugs.critical_point_bug",
         "to the unvisited end of an obstacle that is nearest to the goal, as a point",
         "Das, Dutta and Debnath, reference 22 of IJEECS 18(3), 2020",
     ),
@@ -99,66 +103,81 @@ _BUGS = {
 
 NAVIGATORS: dict[str, Entry] = {
     "dynamic-a-star": Entry(
-        "planners.dynamic_a_star:build",
+        "robocar.planners.search.dynamic_a_star:build",
         "30 cm cells, replans when a sonar finds a cell blocked, looks around in each cell",
         "Utomo 2015, sections 2.6, 3.5, 4.3",
-        parameters=("planners.dynamic_a_star:Parameters",),
+        parameters=("robocar.planners.search.dynamic_a_star:Parameters",),
     ),
-    "a-star": _follow("a_star", "shortest grid path, followed by pure pursuit", "Hart, Nilsson and Raphael 1968"),
-    "theta-star": _follow("theta_star", "any-angle path, followed by pure pursuit", "Daniel, Nash, Koenig and Felner 2010"),
-    "d-star-lite": _follow("d_star_lite", "replans incrementally, followed by pure pursuit", "Koenig and Likhachev 2002"),
+    "a-star": _follow("search.a_star", "shortest grid path, followed by pure pursuit", "Hart, Nilsson and Raphael 1968"),
+    "theta-star": _follow(
+        "search.theta_star", "any-angle path, followed by pure pursuit", "Daniel, Nash, Koenig and Felner 2010"
+    ),
+    "d-star-lite": _follow("search.d_star_lite", "replans incrementally, followed by pure pursuit", "Koenig and Likhachev 2002"),
     "harmonic": _follow(
-        "harmonic",
+        "harmonic.planner",
         "streamline of a harmonic potential, down the middle of the way, followed by pure pursuit",
         "Connolly, Burns and Weiss 1990; Saudi and Sulaiman",
     ),
     "harmonic-local": Entry(
-        "planners.harmonic_local:build",
+        "robocar.planners.harmonic.local:build",
         "down the gradient of a harmonic potential at each tick, with no path to keep to",
         "Connolly, Burns and Weiss 1990",
         parameters=(
-            "planners.harmonic_local:Parameters",
-            "planners.harmonic:Parameters",
-            "planners.pure_pursuit:Parameters",
-            "planners.costmap:Parameters",
-            "planners.navigator:Parameters",
+            "robocar.planners.harmonic.local:Parameters",
+            "robocar.planners.harmonic.planner:Parameters",
+            "robocar.planners.controllers.pure_pursuit:Parameters",
+            "robocar.planners.costmap.layered:Parameters",
+            "robocar.planners.navigators.plan_and_follow:Parameters",
         ),
     ),
-    "rrt-dwa": _avoid("rrt", "dwa", "random tree on the map; Dynamic Window Approach", "Izaty and Lubis, JITET"),
-    "rrt-pursuit": _follow("rrt", "random tree on the map, followed by pure pursuit", "Izaty and Lubis, JITET"),
-    "a-star-dwa": _avoid("a_star", "dwa", "shortest grid path; Dynamic Window Approach", "Fox, Burgard and Thrun 1997"),
-    "a-star-mppi": _avoid(
-        "a_star", "mppi", "shortest grid path; model predictive path integral control", "Williams, Aldrich and Theodorou 2017"
+    "rrt-dwa": _avoid(
+        "sampling.rrt", "controllers.dwa", "random tree on the map; Dynamic Window Approach", "Izaty and Lubis, JITET"
     ),
-    "theta-star-dwa": _avoid("theta_star", "dwa", "any-angle path; Dynamic Window Approach", "Fox, Burgard and Thrun 1997"),
+    "rrt-pursuit": _follow("sampling.rrt", "random tree on the map, followed by pure pursuit", "Izaty and Lubis, JITET"),
+    "a-star-dwa": _avoid(
+        "search.a_star", "controllers.dwa", "shortest grid path; Dynamic Window Approach", "Fox, Burgard and Thrun 1997"
+    ),
+    "a-star-mppi": _avoid(
+        "search.a_star",
+        "controllers.mppi",
+        "shortest grid path; model predictive path integral control",
+        "Williams, Aldrich and Theodorou 2017",
+    ),
+    "theta-star-dwa": _avoid(
+        "search.theta_star", "controllers.dwa", "any-angle path; Dynamic Window Approach", "Fox, Burgard and Thrun 1997"
+    ),
     "ocpb": _bug(
-        "ocpb",
+        "bugs.ocpb.strategy",
         "critical points for a robot with dimension, among stationary and moving obstacles",
         "Das, Dutta and Debnath, IJEECS 18(3), 2020",
-        "planners.ocpb:Parameters",
+        "robocar.planners.bugs.ocpb.strategy:Parameters",
     ),
     **{name: _bug(*about) for name, about in _BUGS.items()},
     "safe-direction": Entry(
-        "planners.safe_direction:build",
+        "robocar.planners.safe_direction.planner:build",
         "between the shortest and the safest direction of one scan; keeps to the middle, keeps no map",
         "Trihatmo, BPPT",
-        parameters=("planners.safe_direction_method:Parameters", "planners.pure_pursuit:Parameters"),
+        parameters=("robocar.planners.safe_direction.method:Parameters", "robocar.planners.controllers.pure_pursuit:Parameters"),
     ),
     "safe-direction-memory": Entry(
-        "planners.safe_direction:build_with_memory",
+        "robocar.planners.safe_direction.planner:build_with_memory",
         "the same with a memory of what was seen, on a grid that rolls along: gets out of deeper traps",
         "Trihatmo, BPPT",
-        parameters=("planners.safe_direction_method:Parameters", "planners.pure_pursuit:Parameters"),
+        parameters=("robocar.planners.safe_direction.method:Parameters", "robocar.planners.controllers.pure_pursuit:Parameters"),
     ),
     "path-transform": _follow(
-        "path_transform", "cheapest path where nearness to obstacles costs, followed by pure pursuit", "Zelinsky 1994"
+        "search.path_transform", "cheapest path where nearness to obstacles costs, followed by pure pursuit", "Zelinsky 1994"
     ),
     "explore": Entry(
-        "planners.explore:build",
+        "robocar.planners.exploration.explore:build",
         "drives to frontiers until the map is complete; needs a mapper and ignores the goal",
         "Yamauchi 1997",
-        parts=("planners.a_star:build", "planners.pure_pursuit:build"),
-        parameters=("planners.explore:Parameters", "planners.a_star:Parameters", "planners.pure_pursuit:Parameters"),
+        parts=("robocar.planners.search.a_star:build", "robocar.planners.controllers.pure_pursuit:build"),
+        parameters=(
+            "robocar.planners.exploration.explore:Parameters",
+            "robocar.planners.search.a_star:Parameters",
+            "robocar.planners.controllers.pure_pursuit:Parameters",
+        ),
     ),
 }
 

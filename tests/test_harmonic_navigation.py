@@ -13,11 +13,11 @@ import pytest
 from rerun.chunk import RrdReader
 
 from experiments.harmonic_navigation import NAVIGATORS, on_finer_cells, path_clearance
-from planners.a_star import AStar
-from planners.costmap import Parameters, inflate
-from planners.harmonic import Harmonic
 from robocar.core import OCCUPIED, SE2, OccupancyGrid
 from robocar.experiment import run_experiment
+from robocar.planners.costmap.layered import Parameters, inflate
+from robocar.planners.harmonic.planner import Harmonic
+from robocar.planners.search.a_star import AStar
 from robocar.run import run
 from robocar.scenario import load_scenario, scenario_names
 from robocar.scene import Scene

@@ -83,7 +83,7 @@ def test_the_wheel_holds_the_tree_and_nothing_else(wheel: Path) -> None:
     assert held - meta == expected
     assert {path.name for path in meta} >= {"METADATA", "RECORD", "entry_points.txt", "LICENSE"}
     # The parts that a user would miss first, by name: the comparison above would not notice if the tree lost them too.
-    needed = ["robocar/py.typed", "planners/py.typed", "robocar/models/robocar/robocar.xml", "planners/a_star.py"]
+    needed = ["robocar/py.typed", "planners/py.typed", "robocar/models/robocar/robocar.xml", "planners/search/a_star.py"]
     needed += ["robocar/models/scenarios/thesis-field.yaml", "robocar/models/maps/thesis_field.pgm", "experiments/__init__.py"]
     assert {PurePosixPath(name) for name in needed} <= held
 

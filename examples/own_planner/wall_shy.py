@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planners import pure_pursuit
-from planners.navigator import PlanAndFollow, plan_and_follow
 from robocar.core import INSCRIBED, Array, Context, Costmap, NoPathFound, Path, Plan
+from robocar.planners.controllers import pure_pursuit
+from robocar.planners.navigators.plan_and_follow import PlanAndFollow, plan_and_follow
 
 STEPS = [(dr, dc, math.hypot(dr, dc)) for dr in (-1, 0, 1) for dc in (-1, 0, 1) if dr or dc]
 

@@ -143,7 +143,8 @@ class Costmap(GridMap):
     """Traversal costs: 0 free ... 252, 253 inscribed, 254 lethal, 255 unknown, (rows, cols) uint8.
 
     A cell at 253 or above must not hold the robot's centre. What unknown cells mean is decided where the costmap is made
-    (`planners.costmap`): a planner sees 255 as blocked, so a map that may be crossed unseen holds a low cost there.
+    (`robocar.planners.costmap.layered`): a planner sees 255 as blocked, so a map that may be crossed unseen holds a low cost
+    there.
     """
 
     __slots__ = ()

@@ -266,4 +266,4 @@ class _Check:
 
 
 def _ours(kind: Kind) -> set[str]:
-    return {name for name, entry in names(kind).items() if entry.factory.startswith(("planners.", "robocar."))}
+    return {name for name, entry in names(kind).items() if entry.factory.startswith("robocar.")}

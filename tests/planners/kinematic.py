@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planners.collision import footprint_free
 from robocar.core import (
     SE2,
     Belief,
@@ -25,6 +24,7 @@ from robocar.core import (
     Twist,
 )
 from robocar.core.rays import cast_rays
+from robocar.planners.geometry.collision import footprint_free
 
 DT = 0.05
 BEAM = np.radians(15.0)

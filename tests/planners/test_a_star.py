@@ -11,9 +11,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.sparse.csgraph import dijkstra
 
-from planners.a_star import AStar, Parameters, build
 from robocar.core import LETHAL, Context, Costmap, ParameterError
 from robocar.formats.movingai import load_movingai_map, load_scenarios
+from robocar.planners.search.a_star import AStar, Parameters, build
 
 SCENARIOS = [
     "arena.map.scen", "lak101d.map.scen", "lak105d.map.scen", "random-32-32-10-random-1.scen", "room-32-32-4-random-1.scen",

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from kinematic import car, context
 from numba.core.registry import CPUDispatcher
 
-from planners.bug import Bug
-from planners.bug_view import Parameters, free_way, narrow_gap
-from planners.open_points import VirtualCircle
 from robocar.core import OCCUPIED, SE2, STOP, Belief, Goal, Observation, OccupancyGrid, ParameterError, Scan, Text, Twist
+from robocar.planners.bugs.local_planner import Bug
+from robocar.planners.bugs.view import Parameters, free_way, narrow_gap
+from robocar.planners.tracking.open_points import VirtualCircle
 from robocar.registry import build
 
 LOOPS = ("bug1", "bug2", "dist-bug", "tangent-bug")
@@ -146,7 +146,9 @@ def test_nothing_is_compiled_while_it_drives(name: str) -> None:
     bug = build("navigator", name, context(laser_car(), None, START))
 
     def compiled() -> dict[str, int]:
-        kernels = [o for o in gc.get_objects() if isinstance(o, CPUDispatcher) and o.py_func.__module__.startswith("planners.")]
+        kernels = [
+            o for o in gc.get_objects() if isinstance(o, CPUDispatcher) and o.py_func.__module__.startswith("robocar.planners.")
+        ]
         # The world checks contact with `footprint_free`.
         return {o.py_func.__qualname__: len(o.signatures) for o in kernels if o.py_func.__name__ != "footprint_free"}
 

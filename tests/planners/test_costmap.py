@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from kinematic import BEAM, car
 
-from planners.costmap import LayeredCostmap, Parameters, inflate
 from robocar.core import FREE, INSCRIBED, LETHAL, NO_INFORMATION, OCCUPIED, SE2, UNKNOWN, Observation, OccupancyGrid, Scan
 from robocar.core.rays import cast_rays
+from robocar.planners.costmap.layered import LayeredCostmap, Parameters, inflate
 
 OPEN = Parameters(walled=False)
 

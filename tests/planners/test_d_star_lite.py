@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from grids import random_costs
 
-from planners.a_star import AStar
-from planners.d_star_lite import DStarLite, Parameters
 from robocar.core import SE2, Costmap, GoalOccupied, NoPathFound, StartOccupied
 from robocar.formats.generated import cave, maze, rooms
+from robocar.planners.search.a_star import AStar
+from robocar.planners.search.d_star_lite import DStarLite, Parameters
 
 EDITS = 1000
 

@@ -12,15 +12,6 @@ from kinematic import DT, car, context, drive
 from test_navigator import field
 
 import robocar
-from planners import a_star, dwa
-from planners.collision import footprint_free
-from planners.costmap import Parameters as Inflation
-from planners.costmap import inflate, safe_cost
-from planners.dwa import DynamicWindow, Parameters
-from planners.moving_obstacles import NONE
-from planners.navigator import plan_and_avoid
-from planners.steering import Parameters as SteeringParameters
-from planners.trajectory_costs import outline_cost, path_distance, rollouts
 from robocar.core import (
     OCCUPIED,
     SE2,
@@ -39,6 +30,16 @@ from robocar.core import (
     Twist,
 )
 from robocar.paths import MODELS
+from robocar.planners.controllers import dwa
+from robocar.planners.controllers.dwa import DynamicWindow, Parameters
+from robocar.planners.controllers.steering import Parameters as SteeringParameters
+from robocar.planners.controllers.trajectory_costs import outline_cost, path_distance, rollouts
+from robocar.planners.costmap.layered import Parameters as Inflation
+from robocar.planners.costmap.layered import inflate, safe_cost
+from robocar.planners.geometry.collision import footprint_free
+from robocar.planners.navigators.plan_and_follow import plan_and_avoid
+from robocar.planners.search import a_star
+from robocar.planners.tracking.moving_obstacles import NONE
 
 OPEN = Costmap(np.zeros((120, 120), dtype=np.uint8), 0.05, SE2(-3.0, -3.0))
 

@@ -14,8 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from kinematic import DT, car, context, drive
 
-from planners.dynamic_a_star import DynamicAStar, Lattice, Parameters, build
-from planners.obstacle_memory import (
+from robocar.core import OCCUPIED, SE2, Belief, GiveUp, Goal, Observation, OccupancyGrid, ParameterError, Scalar, Scan
+from robocar.core.geodesic import geodesic_distance
+from robocar.planners.search.dynamic_a_star import DynamicAStar, Lattice, Parameters, build
+from robocar.planners.search.obstacle_memory import (
     _EXPLAINED,
     _HIT,
     _LEAST,
@@ -26,8 +28,6 @@ from planners.obstacle_memory import (
     _mark_cone,
     _way_blocked,
 )
-from robocar.core import OCCUPIED, SE2, Belief, GiveUp, Goal, Observation, OccupancyGrid, ParameterError, Scalar, Scan
-from robocar.core.geodesic import geodesic_distance
 from robocar.run import RunResult, run
 
 FRONT = (SE2(0.1, 0.05, 0.2), SE2(0.1, -0.05, -0.2))

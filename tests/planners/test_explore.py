@@ -12,8 +12,6 @@ from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from planners import a_star, explore, known_space, pure_pursuit
-from planners.frontiers import costs_of_ways, find_frontiers
 from robocar.core import (
     INSCRIBED,
     SE2,
@@ -36,6 +34,11 @@ from robocar.core import (
 from robocar.core.distance import ClearanceField
 from robocar.core.rays import cast_rays
 from robocar.estimation.mapping import OccupancyMapper
+from robocar.planners.controllers import pure_pursuit
+from robocar.planners.costmap import known_space
+from robocar.planners.exploration import explore
+from robocar.planners.exploration.frontiers import costs_of_ways, find_frontiers
+from robocar.planners.search import a_star
 
 FOOTPRINT = Footprint.rectangle(0.1, 0.1, 0.09)
 DT = 0.1

@@ -30,12 +30,12 @@ Case = tuple[str, dict[str, Any]]
 """A factory `module:function`, and parameters."""
 
 GRID_SEARCHES: list[Case] = [
-    ("planners.a_star:build", {}),
-    ("planners.a_star:build", {"metric": "thesis"}),
-    ("planners.a_star:build", {"weight": 3.0}),
-    ("planners.a_star:build", {"weight": 0.0}),  # Dijkstra
-    ("planners.theta_star:build", {}),
-    ("planners.d_star_lite:build", {}),
+    ("robocar.planners.search.a_star:build", {}),
+    ("robocar.planners.search.a_star:build", {"metric": "thesis"}),
+    ("robocar.planners.search.a_star:build", {"weight": 3.0}),
+    ("robocar.planners.search.a_star:build", {"weight": 0.0}),  # Dijkstra
+    ("robocar.planners.search.theta_star:build", {}),
+    ("robocar.planners.search.d_star_lite:build", {}),
 ]
 # The first part of a navigator that is built of parts is its global planner.
 REGISTERED: list[Case] = [(path, {}) for path in sorted({e.parts[0] for e in names("navigator").values() if e.parts})]
@@ -44,7 +44,7 @@ CASES = GRID_SEARCHES + [case for case in REGISTERED if case not in GRID_SEARCHE
 
 def name_of(case: Case) -> str:
     path, parameters = case
-    return " ".join([path.removeprefix("planners.").removesuffix(":build"), *(f"{k}={v}" for k, v in parameters.items())])
+    return " ".join([path.removeprefix("robocar.planners.").removesuffix(":build"), *(f"{k}={v}" for k, v in parameters.items())])
 
 
 @pytest.fixture(scope="module", params=CASES, ids=name_of, name="planner")

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planners.a_star import AStar
-from planners.harmonic import Harmonic, Parameters, build
-from planners.laplace import laplace_problem, solve
-from planners.streamline import descend, streamline
 from robocar.core import SE2, Costmap, Field, GoalOccupied, NoPathFound, OutsideMap, ParameterError, StartOccupied
 from robocar.formats.generated import maze, rooms
 from robocar.formats.movingai import load_movingai_map
+from robocar.planners.harmonic.laplace import laplace_problem, solve
+from robocar.planners.harmonic.planner import Harmonic, Parameters, build
+from robocar.planners.harmonic.streamline import descend, streamline
+from robocar.planners.search.a_star import AStar
 from tests.planners.grids import costmaps, free_pair
 
 

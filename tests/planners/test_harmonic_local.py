@@ -10,13 +10,6 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from kinematic import DT, Drives, car, context, drive
 
-from planners import harmonic, harmonic_local
-from planners.costmap import inflate
-from planners.harmonic import Harmonic
-from planners.harmonic_local import HarmonicLocal, Parameters
-from planners.laplace import laplace_problem, solve
-from planners.pure_pursuit import PurePursuit
-from planners.streamline import streamline
 from robocar.core import (
     LETHAL,
     OCCUPIED,
@@ -35,6 +28,14 @@ from robocar.core import (
     Twist,
 )
 from robocar.formats.generated import maze, rooms
+from robocar.planners.controllers.pure_pursuit import PurePursuit
+from robocar.planners.costmap.layered import inflate
+from robocar.planners.harmonic import local as harmonic_local
+from robocar.planners.harmonic import planner as harmonic
+from robocar.planners.harmonic.laplace import laplace_problem, solve
+from robocar.planners.harmonic.local import HarmonicLocal, Parameters
+from robocar.planners.harmonic.planner import Harmonic
+from robocar.planners.harmonic.streamline import streamline
 
 NOTHING = Observation(0.0)
 RESOLUTION = 0.05

@@ -13,15 +13,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse.csgraph import connected_components
 
-from planners.laplace import LaplaceProblem, Multigrid, Potential, laplace_problem, solve
-from planners.laplace.carry import carry
-from planners.laplace.elimination import dissection_order, eliminate
-from planners.laplace.levels import coarser, first_level
-from planners.laplace.relaxation import largest_residual
-from planners.laplace.solver import REACHABLE, WARM_CYCLES, WARM_RESIDUAL
-from planners.laplace.warm import LARGEST_SHARE, MARGIN, WINDOW_TOLERANCE, warm_start, windows
 from robocar.core import GoalOccupied, NoPathFound, OutsideMap, ParameterError
 from robocar.formats.generated import cave, maze, rooms
+from robocar.planners.harmonic.laplace import LaplaceProblem, Multigrid, Potential, laplace_problem, solve
+from robocar.planners.harmonic.laplace.carry import carry
+from robocar.planners.harmonic.laplace.elimination import dissection_order, eliminate
+from robocar.planners.harmonic.laplace.levels import coarser, first_level
+from robocar.planners.harmonic.laplace.relaxation import largest_residual
+from robocar.planners.harmonic.laplace.solver import REACHABLE, WARM_CYCLES, WARM_RESIDUAL
+from robocar.planners.harmonic.laplace.warm import LARGEST_SHARE, MARGIN, WINDOW_TOLERANCE, warm_start, windows
 
 
 def exact(problem: LaplaceProblem) -> np.ndarray:

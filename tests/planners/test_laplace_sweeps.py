@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planners.laplace import Sweeps, best_omega, block_sweep, laplace_problem, solve, sweep, sweeps
-from planners.laplace.blocks import pair_inverses, ring_inverses
-from planners.laplace.lattice import make_lattice
-from planners.laplace.sweeps import reachable
 from robocar.core import BudgetExhausted, ParameterError
+from robocar.planners.harmonic.laplace import Sweeps, best_omega, block_sweep, laplace_problem, solve, sweep, sweeps
+from robocar.planners.harmonic.laplace.blocks import pair_inverses, ring_inverses
+from robocar.planners.harmonic.laplace.lattice import make_lattice
+from robocar.planners.harmonic.laplace.sweeps import reachable
 
 SCHEMES = ("full", "half", "quarter", "octo")
 

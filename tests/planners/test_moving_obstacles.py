@@ -11,13 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from kinematic import context
 
-from planners import a_star, dwa, mppi
-from planners.dwa import DynamicWindow
-from planners.moving_obstacles import MovingObstacles, courses, depth_later, encounter, met, near
-from planners.mppi import MPPI
-from planners.navigator import plan_and_avoid
-from planners.outlines import View
 from robocar.core import OCCUPIED, SE2, STOP, Array, Belief, Drive, Goal, Observation, OccupancyGrid, Twist
+from robocar.planners.controllers import dwa, mppi
+from robocar.planners.controllers.dwa import DynamicWindow
+from robocar.planners.controllers.mppi import MPPI
+from robocar.planners.geometry.outlines import View
+from robocar.planners.navigators.plan_and_follow import plan_and_avoid
+from robocar.planners.search import a_star
+from robocar.planners.tracking.moving_obstacles import MovingObstacles, courses, depth_later, encounter, met, near
 
 OPEN = OccupancyGrid(np.zeros((160, 160), dtype=np.int8), 0.05)
 NOWHERE = View(np.zeros((1, 1), dtype=np.uint8), 1.0, 0.0, 0.0, 0.0, None)  # in which discs are given in metres

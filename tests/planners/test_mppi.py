@@ -11,14 +11,15 @@ from kinematic import DT, car, context, drive
 from test_dwa import OPEN, at
 from test_navigator import field
 
-from planners import a_star, mppi
-from planners.collision import footprint_free
-from planners.costmap import Parameters as Inflation
-from planners.costmap import inflate
-from planners.moving_obstacles import NONE
-from planners.mppi import MPPI, Parameters, _correlate, sample_costs
-from planners.navigator import plan_and_avoid
 from robocar.core import SE2, Drive, Goal, Path, Twist
+from robocar.planners.controllers import mppi
+from robocar.planners.controllers.mppi import MPPI, Parameters, _correlate, sample_costs
+from robocar.planners.costmap.layered import Parameters as Inflation
+from robocar.planners.costmap.layered import inflate
+from robocar.planners.geometry.collision import footprint_free
+from robocar.planners.navigators.plan_and_follow import plan_and_avoid
+from robocar.planners.search import a_star
+from robocar.planners.tracking.moving_obstacles import NONE
 
 
 def planner(seed: int = 0, **parameters: object) -> MPPI:

@@ -8,9 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from kinematic import BEAM, DT, Drives, car, context, drive
 
-from planners import a_star, d_star_lite, pure_pursuit, theta_star
-from planners.costmap import inflate
-from planners.navigator import Parameters, PlanAndFollow, Reactive, plan_and_follow
 from robocar.core import (
     OCCUPIED,
     SE2,
@@ -33,6 +30,10 @@ from robocar.core import (
     Twist,
 )
 from robocar.formats.generated import maze, rooms
+from robocar.planners.controllers import pure_pursuit
+from robocar.planners.costmap.layered import inflate
+from robocar.planners.navigators.plan_and_follow import Parameters, PlanAndFollow, Reactive, plan_and_follow
+from robocar.planners.search import a_star, d_star_lite, theta_star
 
 PLANNERS = {"a-star": a_star.build, "theta-star": theta_star.build, "d-star-lite": d_star_lite.build}
 

@@ -9,11 +9,11 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from tracking_reference import Reference
 
-from planners.collision_points import Collision, Moving, crossing, predict, standing_world, with_virtual
-from planners.obstacle_tracking import Kind, Obstacles, Tracked
-from planners.open_points import Panorama, Surround
-from planners.tracking_kernel import line
 from robocar.core import OCCUPIED, SE2, Observation, OccupancyGrid, Twist
+from robocar.planners.bugs.ocpb.collision_points import Collision, Moving, crossing, predict, standing_world, with_virtual
+from robocar.planners.tracking.kernel import line
+from robocar.planners.tracking.open_points import Panorama, Surround
+from robocar.planners.tracking.tracker import Kind, Obstacles, Tracked
 
 OPEN = OccupancyGrid(np.zeros((200, 200), dtype=np.int8), 0.05)
 

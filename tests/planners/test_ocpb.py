@@ -13,14 +13,14 @@ from kinematic import context
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from planners.bug_view import Parameters as BugParameters
-from planners.bug_view import View, narrow_gap
-from planners.ocpb import OperativeCriticalPointBug, Parameters
-from planners.open_points import OpenPoint, Panorama, VirtualCircle
-from planners.sub_goals import SAME
-from planners.surfaces import Surfaces
-from planners.traverse import Candidate, Traverse
 from robocar.core import OCCUPIED, SE2, Arrows, Goal, Lines, OccupancyGrid, Points
+from robocar.planners.bugs.ocpb.strategy import OperativeCriticalPointBug, Parameters
+from robocar.planners.bugs.ocpb.sub_goals import SAME
+from robocar.planners.bugs.ocpb.surfaces import Surfaces
+from robocar.planners.bugs.ocpb.traverse import Candidate, Traverse
+from robocar.planners.bugs.view import Parameters as BugParameters
+from robocar.planners.bugs.view import View, narrow_gap
+from robocar.planners.tracking.open_points import OpenPoint, Panorama, VirtualCircle
 from robocar.registry import build
 from robocar.run import run as run_in_physics
 

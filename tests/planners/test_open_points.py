@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from kinematic import car
 
-from planners.open_points import OpenPoint, Panorama, Surround, VirtualCircle, find_open_points, middle
 from robocar.core import OCCUPIED, SE2, Footprint, Observation, OccupancyGrid, ParameterError, Robot, Scan
 from robocar.core.rays import cast_rays
+from robocar.planners.tracking.open_points import OpenPoint, Panorama, Surround, VirtualCircle, find_open_points, middle
 
 WIDE = math.radians(25.0)
 BOXES = ((1.5, 1.5, 2.2, 2.0), (4.0, 1.0, 4.4, 2.8), (2.5, 3.6, 3.8, 4.2), (4.6, 4.4, 5.0, 4.8), (0.8, 3.2, 1.1, 4.6))

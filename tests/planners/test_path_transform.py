@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from kinematic import car, context
 
-from planners.a_star import AStar
-from planners.path_transform import Parameters, PathTransform, build
-from planners.transforms import obstacle_transform
 from robocar.core import LETHAL, Costmap, NoPathFound, ParameterError
+from robocar.planners.search.a_star import AStar
+from robocar.planners.search.path_transform import Parameters, PathTransform, build
+from robocar.planners.search.transforms import obstacle_transform
 
 START, GOAL = np.array([0.525, 1.525]), np.array([4.475, 1.525])
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planners.polyline import nearest_on_path, point_ahead
+from robocar.planners.geometry.polyline import nearest_on_path, point_ahead
 
 
 def test_a_segment_longer_than_the_window_is_left_at_its_end() -> None:

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from kinematic import DT, car
 
-from planners.collision import footprint_free
-from planners.polyline import blocked_ahead, nearest_on_path, point_ahead
-from planners.pure_pursuit import Parameters, PurePursuit
 from robocar.core import SE2, Belief, Costmap, Footprint, Goal, Observation, Path, Twist
+from robocar.planners.controllers.pure_pursuit import Parameters, PurePursuit
+from robocar.planners.geometry.collision import footprint_free
+from robocar.planners.geometry.polyline import blocked_ahead, nearest_on_path, point_ahead
 
 OBSERVATION = Observation(0.0)
 

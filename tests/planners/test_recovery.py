@@ -7,11 +7,6 @@ import pytest
 from kinematic import DT, car, context, drive, sense, touches
 from test_navigator import field
 
-from planners import a_star, dwa, pure_pursuit
-from planners.costmap import Parameters as Inflation
-from planners.costmap import inflate
-from planners.navigator import PlanAndFollow, plan_and_avoid, plan_and_follow
-from planners.recovery import Parameters, Recovery, Watch
 from robocar.core import (
     SE2,
     STOP,
@@ -29,6 +24,12 @@ from robocar.core import (
     Text,
     Twist,
 )
+from robocar.planners.controllers import dwa, pure_pursuit
+from robocar.planners.costmap.layered import Parameters as Inflation
+from robocar.planners.costmap.layered import inflate
+from robocar.planners.navigators.plan_and_follow import PlanAndFollow, plan_and_avoid, plan_and_follow
+from robocar.planners.navigators.recovery import Parameters, Recovery, Watch
+from robocar.planners.search import a_star
 
 OPEN = inflate(field(80, 80), car().footprint.inscribed_radius, Inflation(walled=False))
 START = SE2(2.0, 2.0, 0.4)

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from kinematic import car
 from test_costmap import laser, lethal_points, sonar
 
-from planners.costmap import LayeredCostmap, Parameters
-from planners.rolling_costmap import Parameters as RollingParameters
-from planners.rolling_costmap import RollingCostmap
 from robocar.core import FREE, OCCUPIED, SE2, Observation, OccupancyGrid
+from robocar.planners.costmap.layered import LayeredCostmap, Parameters
+from robocar.planners.costmap.rolling import Parameters as RollingParameters
+from robocar.planners.costmap.rolling import RollingCostmap
 
 
 @settings(max_examples=25, deadline=None)

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planners.random_trees import Growth, Obstacles, edge_cost, shortcut
-from planners.rrt import RRT, VARIANTS, Parameters, circle_world, costmap_world, path_cost, search
 from robocar.core import BudgetExhausted, Costmap, NoPathFound, Segments
+from robocar.planners.sampling.random_trees import Growth, Obstacles, edge_cost, shortcut
+from robocar.planners.sampling.rrt import RRT, VARIANTS, Parameters, circle_world, costmap_world, path_cost, search
 
 REFERENCES = Path(os.environ.get("ROBOCAR_DATA") or Path(__file__).resolve().parents[3] / "shared" / "data") / "references"
 needs_references = pytest.mark.skipif(not REFERENCES.is_dir(), reason="no reference problems: set ROBOCAR_DATA")

@@ -10,12 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from kinematic import DT, car, context
 
-from planners.safe_direction import build, build_with_memory
-from planners.safe_direction_fan import Fan, choose, directions, fan, safe_direction, shortest_direction
-from planners.safe_direction_memory import RollingMemory
-from planners.safe_direction_method import Directions, Parameters
-from planners.safe_direction_view import Panorama, Readings, Sector, leading_edges, sector_of, window
-from planners.transforms import distance_transform
 from robocar.core import (
     OCCUPIED,
     SE2,
@@ -29,6 +23,12 @@ from robocar.core import (
     RangeSensor,
     Robot,
 )
+from robocar.planners.safe_direction.fan import Fan, choose, directions, fan, safe_direction, shortest_direction
+from robocar.planners.safe_direction.memory import RollingMemory
+from robocar.planners.safe_direction.method import Directions, Parameters
+from robocar.planners.safe_direction.planner import build, build_with_memory
+from robocar.planners.safe_direction.view import Panorama, Readings, Sector, leading_edges, sector_of, window
+from robocar.planners.search.transforms import distance_transform
 
 from robocar.core import Scan, ScenarioError, Twist  # isort: skip
 from robocar.core.rays import cast_rays

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from kinematic import car
 from scipy import ndimage
 
-from planners.safe_direction_fan import shortest_direction
-from planners.safe_direction_method import Decision, Directions, Parameters
-from planners.safe_direction_view import Readings, Sector, window
-from planners.transforms import distance_transform
 from robocar.core import SE2, Array
+from robocar.planners.safe_direction.fan import shortest_direction
+from robocar.planners.safe_direction.method import Decision, Directions, Parameters
+from robocar.planners.safe_direction.view import Readings, Sector, window
+from robocar.planners.search.transforms import distance_transform
 
 
 def edt(mask: np.ndarray) -> Array:

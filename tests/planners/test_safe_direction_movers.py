@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from kinematic import DT, car
 from test_safe_direction import BEARINGS, context, robot, room, scan
 
-from planners.safe_direction import build, build_with_memory
-from planners.safe_direction_movers import _HORIZON, Movers, _least_gap
-from planners.safe_direction_view import window
 from robocar.core import SE2, Belief, Costmap, Goal, Observation, Twist
 from robocar.estimation.no_mapper import NoMapper
+from robocar.planners.safe_direction.movers import _HORIZON, Movers, _least_gap
+from robocar.planners.safe_direction.planner import build, build_with_memory
+from robocar.planners.safe_direction.view import window
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(-0.3, 0.4), st.floats(-1.5, 1.5), st.sampled_from([0.0, 0.1, 0.4, math.inf]))

@@ -9,10 +9,10 @@ from grids import costmaps, free_pair
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from planners.a_star import AStar
-from planners.line_of_sight import polyline_cost, pull_taut, segment_cost
-from planners.theta_star import ThetaStar
 from robocar.core import Costmap, NoPathFound
+from robocar.planners.geometry.line_of_sight import polyline_cost, pull_taut, segment_cost
+from robocar.planners.search.a_star import AStar
+from robocar.planners.search.theta_star import ThetaStar
 
 A_STAR, THETA_STAR = AStar(), ThetaStar()
 

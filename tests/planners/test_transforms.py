@@ -13,7 +13,14 @@ from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from planners.transforms import descend, distance_transform, grown, nearest_blocked, obstacle_transform, path_transform
+from robocar.planners.search.transforms import (
+    descend,
+    distance_transform,
+    grown,
+    nearest_blocked,
+    obstacle_transform,
+    path_transform,
+)
 
 SEEDS = st.integers(0, 2**32 - 1)
 

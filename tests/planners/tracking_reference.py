@@ -1,4 +1,4 @@
-"""The rules of `planners.obstacle_tracking`, one obstacle after the other, in plain Python: an oracle for its kernel."""
+"""The rules of `robocar.planners.tracking.tracker`, one obstacle after the other, in plain Python: an oracle for its kernel."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planners.obstacle_tracking import Kind, _clusters
-from planners.open_points import Panorama
-from planners.tracking_kernel import ends_of, line, seen_through
 from robocar.core import Array
+from robocar.planners.tracking.kernel import ends_of, line, seen_through
+from robocar.planners.tracking.open_points import Panorama
+from robocar.planners.tracking.tracker import Kind, _clusters
 
 
 @dataclass

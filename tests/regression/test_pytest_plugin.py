@@ -31,7 +31,12 @@ def test_second(physics_run):
 def imported(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Sessions inside this process forget the modules that they import, which compiled ones do not survive."""
     run(SHORT, navigator="a-star", estimator="truth", seed=0, out=tmp_path_factory.mktemp("warm"))
-    for module in ("planners.dynamic_a_star", "robocar.regression.compare", "robocar.regression.tables", "rich.table"):
+    for module in (
+        "robocar.planners.search.dynamic_a_star",
+        "robocar.regression.compare",
+        "robocar.regression.tables",
+        "rich.table",
+    ):
         import_module(module)
 
 
@@ -127,7 +132,7 @@ def test_a_bad_baseline_fails_with_its_reason(project: pytest.Pytester, text: st
 
 def test_a_factory_may_be_given_itself_and_a_lambda_may_not(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(
-        own="from planners.dynamic_a_star import build as make\ndef build(context):\n    return make(context)\n",
+        own="from robocar.planners.search.dynamic_a_star import build as make\ndef build(context):\n    return make(context)\n",
         test_it=f"""
 import own, pytest
 SHORT = {SHORT!r}

@@ -1,0 +1,187 @@
+"""A bug as a local planner: looks, has its strategy decide, and moves."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from robocar.core import (
+    SE2,
+    STOP,
+    Array,
+    Belief,
+    Command,
+    Context,
+    Costmap,
+    Drive,
+    GiveUp,
+    Goal,
+    Observation,
+    Path,
+    Robot,
+    Scalar,
+    Text,
+    Twist,
+    frozen_array,
+    wrap_angle,
+)
+from robocar.core.trace import Drawable
+from robocar.planners.bugs.motion import Motion
+from robocar.planners.bugs.view import (
+    Along,
+    Move,
+    Parameters,
+    Stand,
+    Strategy,
+    To,
+    View,
+    first_free,
+    free_way,
+    narrow_gap,
+    room_at,
+)
+from robocar.planners.navigators.plan_and_follow import Reactive
+from robocar.planners.tracking.open_points import Panorama, Surround, VirtualCircle, find_open_points, middle
+
+STOPPING_SHARE = 0.5  # of the goal's tolerance: the belief may be off
+NEW_HEADING = math.radians(10.0)  # a straight motion that differs by more is another iteration
+_BACKING = "too close to turn: backing out"
+
+
+class Bug:
+    """A bug as a local planner: what it sees, what its strategy decides, and the motion that carries it out.
+
+    Args:
+        robot: needs a laser or sonars all round, see `Surround`.
+        strategy: decides.
+
+    Raises:
+        ParameterError: the robot does not look all round closely enough.
+    """
+
+    def __init__(self, robot: Robot, strategy: Strategy, parameters: Parameters | None = None) -> None:
+        self.parameters = p = parameters or Parameters()
+        self.circle = VirtualCircle.of(robot.footprint, p.safety_constant)
+        self.strategy = strategy
+        self._motion = Motion(robot, p)
+        self._surround = Surround(robot, 2.0 * math.atan(self.circle.radius / p.detection_distance))
+        self._forget()
+        _warm_up(self._motion)
+        self._motion.forget()
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """A new episode; there is no chance in it."""
+        self._surround.forget()
+        self._motion.forget()
+        self.strategy.reset()
+        self._forget()
+
+    def _forget(self) -> None:
+        self.iterations = self.turns = 0
+        self._panorama: Panorama | None = None
+        self._hits = np.empty((0, 2))
+        self._counted: Array | float | None = None
+        self._note = ""
+        self._cramped = True  # until it has been seen that it can turn where it starts
+
+    def command(
+        self, belief: Belief, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal
+    ) -> Command:
+        """The twist until the next scan; path and costmap are not needed."""
+        pose = belief.pose
+        panorama = self._surround.panorama(observation, pose)
+        if panorama is not None and panorama.lost:
+            self._panorama = None
+            self._motion.stand(observation.time)
+            return replace(STOP, trace=self._said("no beam has come back: standing"))
+        if panorama is not None:
+            self._panorama, self._hits = panorama, panorama.hits()
+        if self._panorama is None:
+            self._motion.stand(observation.time)
+            return STOP
+        centre = self.circle.centre(pose)
+        if math.dist(centre, goal.position) <= STOPPING_SHARE * goal.xy_goal_tolerance:
+            return Drive(self._align(pose, goal, observation.time))
+        view = View(
+            observation.time,
+            pose,
+            centre,
+            self._panorama,
+            self._hits,
+            panorama is not None,
+            goal,
+            self._motion.blocked,
+            self.circle,
+            self.parameters,
+        )
+        if self._cramped and view.fresh:
+            self._cramped = self._motion.cramped(pose, self._hits)
+        if self._cramped:
+            return Drive(self._motion.back_out(pose, self._hits, observation.time), trace=self._said(_BACKING))
+        move = self.strategy.step(view)
+        trace = self._count(move) | (self.strategy.trace(view) if view.fresh else {})
+        if isinstance(move, GiveUp):
+            return replace(move, trace=trace | dict(move.trace))
+        twist = self._twist(move, view)
+        trace |= self._said(_BACKING if self._motion.backing else "")
+        return Drive(twist, trace=trace)
+
+    def _twist(self, move: To | Along | Stand, view: View) -> Twist:
+        motion, time = self._motion, view.time
+        if isinstance(move, Stand):
+            return motion.stand(time)
+        if isinstance(move, Along):
+            return motion.drive(view.pose, self._hits, move.heading, math.inf, move.speed, time)
+        axle = self.circle.axle(move.point, view.heading_to(move.point))
+        left = math.dist(view.pose.position, axle)
+        heading = math.atan2(axle[1] - view.pose.y, axle[0] - view.pose.x)
+        return motion.drive(view.pose, self._hits, heading, left, self.parameters.desired_linear_vel, time)
+
+    def _align(self, pose: SE2, goal: Goal, time: float) -> Twist:
+        """At the goal: stand, or turn to its heading."""
+        turn = 0.0 if goal.heading is None else wrap_angle(goal.heading - pose.theta)
+        if abs(turn) <= STOPPING_SHARE * goal.yaw_goal_tolerance:
+            return self._motion.stand(time)
+        return self._motion.turn(pose, self._hits, pose.theta + turn, time)
+
+    def _count(self, move: Move) -> dict[str, Drawable]:
+        """An iteration is a new straight motion: to another point, or along a heading more than 10 degrees away."""
+        counted = self._counted
+        if isinstance(move, To):
+            new = not (isinstance(counted, np.ndarray) and np.array_equal(counted, move.point))
+            self._counted = move.point
+        elif isinstance(move, Along):
+            new = not isinstance(counted, float) or abs(wrap_angle(counted - move.heading)) > NEW_HEADING
+            self._counted = move.heading if new else counted
+        else:
+            return {}
+        self.iterations += new
+        # `replans` is the name under which the metrics count decisions.
+        return {"replans": Scalar(self.iterations)} if new else {}
+
+    def _said(self, note: str) -> dict[str, Drawable]:
+        """A line of the log, once."""
+        new, self._note = note and note != self._note, note
+        return {"bug": Text(note, "WARN")} if new else {}
+
+
+def _warm_up(motion: Motion) -> None:
+    """Compiled here, not in the control loop."""
+    points = np.array([[0.5, 0.1], [0.5, -0.1], [0.1, 0.3]])
+    free_way(points, 0.0, 0.0, 0.0, 0.1, 1.0)
+    room_at(points, 0.0, 0.0)
+    narrow_gap(points, 0.0, 0.0, 0.0, 1.0, 0.3, 0.1)
+    first_free(points, 0.0, 0.0, 0.0, 1, 1.0, 0.1, 0.1, 0.1)
+    for heading in (0.0, 2.0):
+        motion.drive(SE2(), points, heading, 1.0, 0.1, 0.0)
+    origin, bearings, ranges = (frozen_array(v) for v in (np.zeros(2), np.linspace(0.0, 6.0, 60), np.linspace(1.0, 6.0, 60)))
+    panorama = Panorama(0.0, origin, bearings, ranges, 6.0, 0.1)
+    panorama.hits()
+    find_open_points(middle([panorama, panorama]), 0.2, 0.01)
+
+
+def build_bug(context: Context, strategy: Strategy) -> Reactive:
+    """The navigator: the bug with this strategy for the context's robot, with its parameters."""
+    return Reactive(Bug(context.robot, strategy, context.parameters_of(Parameters)))

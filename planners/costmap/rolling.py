@@ -1,0 +1,99 @@
+"""The local costmap: a window that rolls along with the robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from robocar.core import LETHAL, SE2, GridMap, Observation, OccupancyGrid, Robot
+from robocar.planners.costmap import layered as layered
+from robocar.planners.costmap.layered import LayeredCostmap, split_prior
+
+_SLACK = 1 / 8  # of the window's width, how far the robot goes from its middle before it moves
+
+
+@dataclass(frozen=True, slots=True)
+class Parameters:
+    """
+    Args:
+        local_width: of the square window, `width` and `height` of Nav2's local costmap [m].
+    """
+
+    local_width: float = 6.0
+
+    def __post_init__(self) -> None:
+        if not 0.5 <= self.local_width <= 100.0:
+            raise ValueError(f"local_width must be from 0.5 to 100 m, not {self.local_width}")
+
+
+class RollingCostmap(LayeredCostmap):
+    """The layers of `LayeredCostmap` in a square window around the robot.
+
+    The window moves by whole cells, so that what was seen keeps its cell; what leaves the window is forgotten, and what enters it
+    is the prior map's, or free where there is none.
+
+    Args:
+        prior: the map that the robot is given, or None; the window's cells are its cells, split alike.
+        robot: for its inscribed radius.
+    """
+
+    def __init__(
+        self,
+        prior: OccupancyGrid | None,
+        robot: Robot,
+        layers: layered.Parameters | None = None,
+        parameters: Parameters | None = None,
+    ) -> None:
+        layers = layers or layered.Parameters()
+        if prior is None:
+            self._static = GridMap(np.zeros((1, 1), dtype=np.uint8), layers.resolution)
+        else:
+            obstacles, resolution = split_prior(prior, layers)
+            edge = resolution if layers.walled else 0.0
+            if layers.walled:
+                obstacles = np.pad(obstacles, 1, constant_values=LETHAL)
+            self._static = GridMap(obstacles, resolution, prior.origin @ SE2(-edge, -edge))
+        self._cells = max(8, round((parameters or Parameters()).local_width / self._static.resolution))
+        self._corner = (0, 0)  # of the window, (row, col) of the static map
+        super().__init__(None, robot, layers)
+
+    def clear(self) -> None:
+        """Forgets everything that was seen."""
+        if self._place is not None:
+            self._set_ground(self._ground, self._place.resolution, self._place.origin)
+
+    def cover(self, points: ArrayLike) -> None:
+        """Does nothing: the window is where the robot is."""
+
+    def update(self, pose: SE2, observation: Observation) -> bool:
+        """Takes in what is seen from `pose`, the robot's in the map frame; returns whether costs have changed."""
+        before = self.version
+        row, col = (int(i) for i in self._static.cell_from_world(pose.position))
+        half = self._cells // 2
+        middle = self._corner[0] + half, self._corner[1] + half
+        if self._place is None or max(abs(row - middle[0]), abs(col - middle[1])) > _SLACK * self._cells:
+            self._move((row - half, col - half))
+        for scan in observation.scans:
+            self._integrate(pose, scan)
+        return self.version != before
+
+    def _move(self, corner: tuple[int, int]) -> None:
+        n, resolution = self._cells, self._static.resolution
+        seen = None if self._place is None else _shifted(self._evidence, self._corner, corner, n)
+        ground = _shifted(self._static.data, (0, 0), corner, n)
+        self._corner = corner
+        origin = self._static.origin @ SE2(corner[1] * resolution, corner[0] * resolution)
+        self._set_ground(ground, resolution, origin, seen)
+
+
+def _shifted(data: NDArray, corner: tuple[int, int], new_corner: tuple[int, int], n: int) -> NDArray:
+    """The n x n window of `data` at a new corner; zero where there is none. Corners are (row, col) of one lattice."""
+    window = np.zeros((n, n), dtype=data.dtype)
+    row, col = new_corner[0] - corner[0], new_corner[1] - corner[1]
+    rows, cols = data.shape
+    r0, r1, c0, c1 = max(0, row), min(rows, row + n), max(0, col), min(cols, col + n)
+    if r1 > r0 and c1 > c0:
+        window[r0 - row : r1 - row, c0 - col : c1 - col] = data[r0:r1, c0:c1]
+    return window

@@ -1,0 +1,1 @@
+"""Footprints, outlines, segments and polylines on a costmap."""

@@ -1,0 +1,1 @@
+"""Paths down a harmonic potential: the planner, its local variant, streamlines."""

@@ -1,0 +1,1 @@
+"""Whole navigators made of planners and controllers, and what they do when they are stuck."""

@@ -1,0 +1,1 @@
+"""Safe-direction navigation (Trihatmo)."""

@@ -1,0 +1,1 @@
+"""Random trees: RRT, RRT-Connect, RRT*."""

@@ -1,0 +1,443 @@
+"""Dynamic A* of the HBE-Robocar (thesis, eq. 2.44, sections 2.6, 3.5, 4.3 and 4.4).
+
+The floor is a lattice of 30 cm cells. The car drives from cell centre to cell centre along the A* path; whenever its sonars
+find that a cell is blocked, the cell is marked and the path is planned again from where the car is. With sonars that look
+only forward it turns 360 degrees in each cell it has not looked around in yet; with sonars on its sides it does not need to.
+
+What the thesis leaves open is decided here. Echoes are gathered on a fine grid, because the echo of a 15 degree cone does
+not say where on its arc the surface is: later readings that look farther through the same place take it back. A cell is
+blocked when an obstacle lies where the car would be while turning on its centre, a step when one lies where the car would
+drive, so the footprint never touches what is known. Diagonal steps need both cells beside them free, and are driven around
+the corner where something stands between the four cells.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robocar.core import (
+    LETHAL,
+    SE2,
+    Array,
+    Belief,
+    Command,
+    Context,
+    Costmap,
+    Drive,
+    GiveUp,
+    Goal,
+    Lines,
+    Mapper,
+    Observation,
+    OccupancyGrid,
+    Plan,
+    PlanningError,
+    Points,
+    Robot,
+    Scalar,
+    Text,
+    Twist,
+    wrap_angle,
+)
+from robocar.core.trace import PLAN_COLOR
+from robocar.planners.search import a_star
+from robocar.planners.search.obstacle_memory import ObstacleMemory
+
+
+@dataclass(frozen=True, slots=True)
+class Parameters:
+    """
+    Args:
+        metric: of the A* search, see `robocar.planners.search.a_star`: `octile`, or `thesis` for its Manhattan heuristic.
+        look_around: turn 360 degrees in each new cell: `auto` does where no sonar looks sideways.
+        cell_size: of the lattice [m].
+        margin: room that the footprint keeps [m]; given up where no way is left with it.
+        prior_tolerance: an echo this near to what the prior shows (its edge included) is that, seen from a drifted pose [m].
+        hit_range: echoes from farther away are not marked [m]; free_range: nor is what lies before them taken back beyond
+            this [m].
+        speed: from cell to cell [m/s]; turn_rate: on the spot [rad/s].
+    """
+
+    metric: Literal["octile", "thesis"] = "octile"
+    look_around: Literal["auto", "always", "never"] = "auto"
+    cell_size: float = 0.30
+    margin: float = 0.015
+    prior_tolerance: float = 0.08
+    hit_range: float = 0.65
+    free_range: float = 0.65
+    speed: float = 0.25
+    turn_rate: float = 1.2
+
+    def __post_init__(self) -> None:
+        if self.metric not in ("octile", "thesis"):
+            raise ValueError(f"metric is octile or thesis, not {self.metric!r}")
+        if self.look_around not in ("auto", "always", "never"):
+            raise ValueError(f"look_around is auto, always or never, not {self.look_around!r}")
+        for name in ("cell_size", "hit_range", "free_range", "speed", "turn_rate"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, not {getattr(self, name)}")
+        for name in ("margin", "prior_tolerance"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"{name} must not be negative, not {getattr(self, name)}")
+
+
+class Lattice:
+    """The 30 cm cells: centred in the prior map, or, without one, with a cell centre under the start."""
+
+    def __init__(self, cell_size: float, prior: OccupancyGrid | None, start: SE2, goal: Array) -> None:
+        self.cell_size = cell_size
+        if prior is not None:
+            width, height = prior.size
+            cols, rows = max(1, int(width / cell_size + 1e-9)), max(1, int(height / cell_size + 1e-9))
+            margin = SE2(0.5 * (width - cols * cell_size), 0.5 * (height - rows * cell_size), 0.0)
+            self.origin = prior.origin @ margin
+            self.shape = rows, cols
+        else:
+            # Room on all sides: the world is unknown, and the way round an obstacle may lead away from the goal.
+            reach = float(np.abs(goal - start.position).max()) + 3.0
+            half = math.ceil(reach / cell_size)
+            offset = -(half + 0.5) * cell_size
+            self.origin = SE2(start.x + offset, start.y + offset, 0.0)
+            self.shape = 2 * half + 1, 2 * half + 1
+
+    def centre(self, cell: tuple[int, int]) -> tuple[float, float]:
+        """World point in the middle of a cell (row, col) [m]."""
+        row, col = cell
+        return self.origin.apply((col + 0.5) * self.cell_size, (row + 0.5) * self.cell_size)
+
+    def costmap(self, blocked: NDArray[np.bool_]) -> Costmap:
+        """The cells as a costmap for the search: free or lethal."""
+        return Costmap(np.where(blocked, LETHAL, 0).astype(np.uint8), self.cell_size, self.origin)
+
+
+class DynamicAStar:
+    """The navigator `dynamic-a-star`."""
+
+    def __init__(self, context: Context) -> None:
+        self._robot: Robot = context.robot
+        self._prior = context.prior
+        self._period = context.control_period
+        self._parameters = context.parameters_of(Parameters)
+        self._footprint = context.robot.footprint
+        self._keep(self._parameters.margin)
+        looks_sideways = any(abs(math.sin(s.robot_from_sensor.theta)) > 0.7 for s in context.robot.sonars)
+        sees_around = looks_sideways or context.robot.lidar is not None
+        self._look_around = {"always": True, "never": False, "auto": not sees_around}[self._parameters.look_around]
+        self._search = a_star.AStar(a_star.Parameters(metric=self._parameters.metric))
+        ObstacleMemory(SE2(), (0.1, 0.1), None, 0.0)  # compiles its kernels here, not in the control loop
+        self.reset(context.rng)
+
+    def reset(self, rng: np.random.Generator) -> None:
+        self._lattice: Lattice | None = None
+        self._memory: ObstacleMemory | None = None
+        self._shown: OccupancyGrid | None = None
+        self._blocked = np.zeros((0, 0), dtype=bool)
+        self._way: list[Array] = []  # points still to be reached, the next one first
+        self._planned_to: Array | None = None
+        self._anchor: Array | None = None  # the last point that was reached: back there the way is free
+        self._retreating = False
+        self._looked: set[tuple[int, int]] = set()
+        self._spin: tuple[float, float] | None = None  # still to turn [rad], last heading
+        self._spin_sign = 1.0
+        self._turning = True
+        self._plans = 0
+        self._desperate = False
+        self._overhang = 0.0  # [m] how far the car's nose reaches beyond the last point of the way
+
+    def _keep(self, margin: float) -> None:
+        """How much room the footprint takes from now on [m]."""
+        self._margin = margin
+        self._disc = self._footprint.circumscribed_radius + margin
+        self._half_width = self._footprint.inscribed_radius + margin
+        self._front = float(self._footprint.vertices[:, 0].max()) + margin
+
+    # -- one tick -----------------------------------------------------------------------------------------------------
+
+    def command(self, belief: Belief, mapper: Mapper, observation: Observation, goal: Goal | None) -> Command:
+        if goal is None:
+            return GiveUp("dynamic-a-star needs a goal")
+        memory = self._prepare(belief.pose, goal)
+        if getattr(mapper, "sees_everything", False):  # a camera above the field: the thesis' other source of obstacles
+            self._look_around = self._parameters.look_around == "always"
+            seen = mapper.grid()
+            if seen is not None and seen is not self._shown:
+                memory.show(seen)
+                self._shown = seen
+        else:
+            for scan in observation.scans:
+                memory.mark(belief.pose, scan, self._parameters.hit_range, self._parameters.free_range)
+        trace: dict[str, object] = {}
+        if self._planned_to is None or (not self._retreating and self._must_replan(belief.pose)):
+            problem = self._replan(belief.pose, goal, trace)
+            if problem is not None:
+                return problem
+        return Drive(self._drive(belief.pose), trace=trace)  # type: ignore[arg-type]
+
+    def _prepare(self, pose: SE2, goal: Goal) -> ObstacleMemory:
+        if self._lattice is None or self._memory is None:
+            lattice = Lattice(self._parameters.cell_size, self._prior, pose, goal.position)
+            if self._prior is not None:
+                origin, extent = self._prior.origin, self._prior.size
+            else:
+                rows, cols = lattice.shape
+                origin, extent = lattice.origin, (cols * lattice.cell_size, rows * lattice.cell_size)
+            self._lattice, self._memory = lattice, ObstacleMemory(origin, extent, self._prior, self._parameters.prior_tolerance)
+            self._blocked = np.zeros(lattice.shape, dtype=bool)
+        return self._memory
+
+    # -- planning -----------------------------------------------------------------------------------------------------
+
+    def _must_replan(self, pose: SE2) -> bool:
+        """Whether something has turned up on the way that is left."""
+        lattice, memory = self._lattice, self._memory
+        assert lattice is not None and memory is not None
+        nearby = self._parameters.hit_range + 2.0 * self._parameters.cell_size
+        previous = pose.position
+        for k, point in enumerate(self._way):
+            if math.dist(point, pose.position) > nearby:
+                break
+            last = k == len(self._way) - 1
+            # From where the car is now the leg differs a little from the one that was planned: it may use up the margin.
+            half_width = self._half_width - (self._margin if k == 0 else 0.0)
+            if memory.way_blocked(previous, point, half_width, self._overhang if last else 0.0):
+                return True
+            if not last and self._is_blocked(self._cell(point)):
+                return True
+            previous = point
+        return False
+
+    def _replan(self, pose: SE2, goal: Goal, trace: dict[str, object]) -> Command | None:
+        """A new way from where the car is; returns why there is none."""
+        lattice, memory = self._lattice, self._memory
+        assert lattice is not None and memory is not None
+        self._plans += 1
+        rows, cols = lattice.shape
+        self._blocked = np.array([[self._is_blocked((r, c)) for c in range(cols)] for r in range(rows)])
+        costmap = lattice.costmap(self._blocked)
+        base = self._base(pose)
+        start_cells = self._access(costmap, base, to_point=False)
+        # The last leg ends as soon as the goal is near enough.
+        self._overhang = max(self._front - 0.8 * goal.xy_goal_tolerance, 0.0)
+        goal_cells = self._access(costmap, goal.position, to_point=True)
+        reason = "no cell beside the car is free" if not start_cells else "no cell beside the goal is free"
+        for start in start_cells:
+            for end in goal_cells:
+                try:
+                    plan, points = self._search_clear_legs(start, end)
+                except PlanningError as error:
+                    reason = str(error)
+                    continue
+                goes_on = len(self._way) > 0 and base is self._way[0]
+                if math.dist(points[0], base) < 0.05:
+                    points = points[1:]
+                self._way = [*([base] if goes_on else []), *points, goal.position]
+                self._planned_to = goal.position
+                self._turning = not goes_on
+                drawn = np.array([pose.position, *self._way])
+                trace |= plan.trace  # the heat map of the search
+                trace["global"] = Lines((drawn,), color=PLAN_COLOR, radius=0.012)
+                trace["blocked_cells"] = self._draw_blocked(costmap)
+                trace["echoes"] = Points(memory.echoes(), color=(255, 80, 40), radius=0.012)
+                trace["replans"] = Scalar(self._plans - 1)
+                trace["expanded"] = Scalar(plan.expanded)
+                trace["status"] = Text(
+                    f"plan {self._plans}: {len(self._way)} cells, {plan.path.length:.2f} m, {plan.expanded} expanded"
+                )
+                return None
+        if self._spin is not None:  # still looking around
+            return Drive(self._turn_on(pose))
+        if self._margin > 0.0:
+            self._keep(0.0)
+            trace["status"] = Text(f"no way left ({reason}); giving up the margin", "WARN")
+        elif not self._desperate:
+            # Echoes of one surface, seen from poses that drift, may add up to a wall that is not there: look again.
+            self._desperate = True
+            memory.forget()
+            self._looked.clear()
+            self._spin = (math.tau, pose.theta)
+            trace["status"] = Text(f"no way left ({reason}); forgetting all echoes and looking again", "WARN")
+        else:
+            return GiveUp(f"no way to the goal through free cells: {reason}")
+        self._way, self._planned_to = [], None
+        return Drive(Twist(), trace=trace)  # type: ignore[arg-type]
+
+    def _base(self, pose: SE2) -> Array:
+        """Where the new way begins. Between two cells the car has no room to turn that it knows of: it goes on to the next one
+        if that is still free, else straight back to where it came from."""
+        memory = self._memory
+        assert memory is not None
+        self._retreating = False
+        if self._anchor is None or not self._way or self._turning or math.dist(pose.position, self._anchor) <= 0.05:
+            return pose.position
+        ahead = self._way[0]
+        overhang = self._overhang if len(self._way) == 1 else 0.0
+        clear = not memory.way_blocked(pose.position, ahead, self._half_width - self._margin, overhang)
+        if clear and not self._is_blocked(self._cell(ahead)):
+            return ahead
+        self._retreating = True
+        return self._anchor
+
+    def _access(self, costmap: Costmap, point: Array, *, to_point: bool) -> list[tuple[int, int]]:
+        """Free cells, nearest first, between whose centre and the point the car can drive straight, to it or from it."""
+        lattice, memory = self._lattice, self._memory
+        assert lattice is not None and memory is not None
+        row, col = (int(i) for i in costmap.cell_from_world(point))
+        found = []
+        for r in range(row - 1, row + 2):
+            for c in range(col - 1, col + 2):
+                if not costmap.contains((r, c)) or self._blocked[r, c]:
+                    continue
+                centre = costmap.world_from_cell((r, c))
+                start, end = (centre, point) if to_point else (point, centre)
+                if not memory.way_blocked(start, end, self._half_width, self._overhang if to_point else 0.0):
+                    found.append((math.dist(centre, point), (r, c)))
+        return [cell for _, cell in sorted(found)[:4]]
+
+    def _search_clear_legs(self, start: tuple[int, int], end: tuple[int, int]) -> tuple[Plan, list[Array]]:
+        """The path between two cells on which the car can also drive from each centre to the next.
+
+        Cells are free where the car can turn; what stands between two of them shows up only when a path uses both. The cell
+        behind such a leg is then taken as blocked, and the search repeated.
+
+        Raises:
+            PlanningError: there is none.
+        """
+        lattice = self._lattice
+        assert lattice is not None
+        blocked = self._blocked.copy()
+        while True:
+            costmap = lattice.costmap(blocked)
+            plan = self._search.plan(costmap, costmap.world_from_cell(start), costmap.world_from_cell(end))
+            points, obstructed = self._legs(plan.path.points, blocked)
+            if obstructed is None:
+                return plan, points
+            blocked[obstructed if obstructed != end else self._cell(points[-1])] = True
+
+    def _legs(self, points: Array, blocked: NDArray[np.bool_]) -> tuple[list[Array], tuple[int, int] | None]:
+        """The points of a path up to the first leg that is obstructed, and the cell that this leg leads to.
+
+        A diagonal leg between whose cells something stands is driven around the corner where that is clear.
+        """
+        lattice, memory = self._lattice, self._memory
+        assert lattice is not None and memory is not None
+        way = [points[0]]
+        for here, there in pairwise(points):
+            if memory.way_blocked(here, there, self._half_width, 0.0):
+                (r0, c0), (r1, c1) = self._cell(here), self._cell(there)
+                corners = [np.array(lattice.centre(cell)) for cell in ((r0, c1), (r1, c0)) if r0 != r1 and c0 != c1]
+                for corner in corners:
+                    legs = ((here, corner), (corner, there))
+                    if not any(memory.way_blocked(a, b, self._half_width, 0.0) for a, b in legs):
+                        way.append(corner)
+                        break
+                else:
+                    return way, (r1, c1)
+            way.append(there)
+        return way, None
+
+    def _cell(self, point: Array) -> tuple[int, int]:
+        lattice = self._lattice
+        assert lattice is not None
+        x, y = lattice.origin.inverse_apply(float(point[0]), float(point[1]))
+        return math.floor(y / lattice.cell_size), math.floor(x / lattice.cell_size)
+
+    def _is_blocked(self, cell: tuple[int, int]) -> bool:
+        lattice, memory = self._lattice, self._memory
+        assert lattice is not None and memory is not None
+        return memory.disc_blocked(lattice.centre(cell), self._disc)
+
+    # -- driving ------------------------------------------------------------------------------------------------------
+
+    def _drive(self, pose: SE2) -> Twist:
+        """Look around where that is needed, else turn to the next point and drive straight there."""
+        if self._spin is not None:
+            return self._turn_on(pose)
+        if self._retreating:
+            return self._back_up(pose)
+        if self._look_around and not self._at_last_point(pose) and self._cell(pose.position) not in self._looked:
+            lattice = self._lattice
+            assert lattice is not None
+            centred = math.dist(self._centre(pose), pose.position) < 0.06
+            if centred or not self._looked:
+                self._looked.add(self._cell(pose.position))
+                self._spin = (math.tau, pose.theta)
+                self._spin_sign = -self._spin_sign  # left and right in turn: what one turn adds to the drift, the next takes back
+                return self._turn_on(pose)
+        if self._anchor is None:
+            self._anchor = pose.position
+        while len(self._way) > 1 and math.dist(self._way[0], pose.position) < 0.02:
+            self._reach()
+        target = self._way[0]
+        dx, dy = target[0] - pose.x, target[1] - pose.y
+        distance = math.hypot(dx, dy)
+        error = wrap_angle(math.atan2(dy, dx) - pose.theta)
+        if self._turning and abs(error) > 0.04:
+            return Twist(0.0, self._rate(error))
+        self._turning = False
+        if math.cos(error) * distance <= 0.01:  # passed it
+            if len(self._way) > 1:
+                self._reach()
+            self._turning = True
+            return Twist()
+        speed = min(self._parameters.speed, math.sqrt(2.0 * 0.5 * self._robot.limits.acc_lim_x * distance))
+        return Twist(max(speed, 0.03) * max(math.cos(error), 0.0), min(max(2.5 * error, -0.8), 0.8))
+
+    def _reach(self) -> None:
+        """The next point is reached; the car turns there."""
+        self._anchor = self._way.pop(0)
+        self._turning = True
+
+    def _back_up(self, pose: SE2) -> Twist:
+        """Straight back to the last point that was reached."""
+        assert self._anchor is not None
+        dx, dy = self._anchor[0] - pose.x, self._anchor[1] - pose.y
+        behind = -(dx * math.cos(pose.theta) + dy * math.sin(pose.theta))
+        if behind <= 0.01:
+            self._retreating = False
+            self._turning = True
+            return Twist()
+        error = wrap_angle(math.atan2(-dy, -dx) - pose.theta)
+        return Twist(-min(0.5 * self._parameters.speed, behind + 0.03), min(max(1.5 * error, -0.5), 0.5))
+
+    def _at_last_point(self, pose: SE2) -> bool:
+        return len(self._way) <= 1
+
+    def _centre(self, pose: SE2) -> Array:
+        lattice = self._lattice
+        assert lattice is not None
+        return np.array(lattice.centre(self._cell(pose.position)))
+
+    def _rate(self, error: float) -> float:
+        """Turning rate towards a heading: slows down in time to stop there."""
+        top = min(self._parameters.turn_rate, math.sqrt(2.0 * 0.5 * self._robot.limits.acc_lim_theta * abs(error)))
+        return math.copysign(max(top, 0.15), error)
+
+    def _turn_on(self, pose: SE2) -> Twist:
+        """Goes on with the full turn."""
+        assert self._spin is not None
+        left, last = self._spin
+        left -= self._spin_sign * wrap_angle(pose.theta - last)
+        if left <= 0.05:
+            self._spin = None
+            self._turning = True
+            return Twist()
+        self._spin = (left, pose.theta)
+        return Twist(0.0, self._rate(self._spin_sign * left))
+
+    def _draw_blocked(self, costmap: Costmap) -> Lines:
+        """Outlines of the blocked cells."""
+        corners = np.array([[0, 0], [0, 1], [1, 1], [1, 0], [0, 0]])
+        cells = np.argwhere(self._blocked)
+        outlines = tuple(costmap.origin.transform((cell[::-1] + corners) * costmap.resolution) for cell in cells)
+        return Lines(outlines, color=(200, 60, 60), radius=0.004)
+
+
+def build(context: Context) -> DynamicAStar:
+    """`dynamic-a-star`"""
+    return DynamicAStar(context)

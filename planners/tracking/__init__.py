@@ -1,0 +1,1 @@
+"""Moving obstacles: found in the scans, followed and predicted."""
