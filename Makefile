@@ -64,11 +64,11 @@ baseline: $(VENV)/.ready-dev ## what the navigators do now is what they shall do
 
 # One after the other: benchmarks must not share the processor.
 bench: $(VENV)/.ready-bench ## the benchmarks and their tables
-	@status=0; for file in experiments/bench_*.py; do \
+	@status=0; for file in benchmarks/bench_*.py; do \
 		echo "== $$file"; \
-		$(BIN)/python -m experiments.$$(basename $$file .py) || status=1; \
+		$(BIN)/python -m robocar.benchmarks.$$(basename $$file .py) || status=1; \
 	done; exit $$status
 
 clean: ## remove the virtual environment, caches and builds; runs/ stays
 	@rm -rf $(VENV) build dist .pytest_cache .hypothesis .ruff_cache .benchmarks MUJOCO_LOG.TXT
-	@find robocar planners experiments tests -type d -name __pycache__ -prune -exec rm -rf {} +
+	@find robocar planners experiments benchmarks tests -type d -name __pycache__ -prune -exec rm -rf {} +

@@ -13,12 +13,12 @@ from matplotlib.axes import Axes
 from matplotlib.transforms import Affine2D
 
 from robocar.core import OCCUPIED, Array, OccupancyGrid
+from robocar.episode.run import RunResult
 from robocar.formats import save_ros_map
 from robocar.planners.bugs.view import Parameters
 from robocar.planners.tracking.open_points import VirtualCircle
-from robocar.run import RunResult
-from robocar.scenario import load_scenario
-from robocar.scene import Scene
+from robocar.scenario.model import load_scenario
+from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 
 BUGS = ("ocpb", "tangent-bug", "dist-bug", "bug2", "bug1", "critical-point-bug", "point-bug")

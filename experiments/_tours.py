@@ -29,12 +29,12 @@ from robocar.core import (
 )
 from robocar.core.randomness import stream
 from robocar.core.trace import Scalar
-from robocar.estimation.balls import BallDetector
-from robocar.estimation.no_mapper import NoMapper
-from robocar.registry import build
-from robocar.run import simulate
-from robocar.scenario import load_scenario
-from robocar.scene import Scene
+from robocar.episode.registry import build
+from robocar.episode.run import simulate
+from robocar.estimation.landmarks.balls import BallDetector
+from robocar.estimation.mapping.no_mapper import NoMapper
+from robocar.scenario.model import load_scenario
+from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 
 SCENARIO = "thesis-localization"

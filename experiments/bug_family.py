@@ -17,10 +17,10 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from experiments._bug_worlds import BUGS, ROBOT, draw, scene_of, turns, worlds
-from robocar.experiment import Report, run_many
-from robocar.metrics import shortest_path_length
-from robocar.run import RunResult
+from robocar.episode.run import RunResult
+from robocar.experiments._bug_worlds import BUGS, ROBOT, draw, scene_of, turns, worlds
+from robocar.metrics.run import shortest_path_length
+from robocar.reporting.report import Report, run_many
 from robocar.sim.car import footprint
 
 SEEDS = 10

@@ -15,9 +15,9 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from experiments._bug_worlds import CIRCLE, ROBOT, grid, room
-from robocar.experiment import Report, run_many
-from robocar.run import RunResult
+from robocar.episode.run import RunResult
+from robocar.experiments._bug_worlds import CIRCLE, ROBOT, grid, room
+from robocar.reporting.report import Report, run_many
 
 SEEDS = 4
 WALL = 3.0  # [m] where it stands

@@ -17,13 +17,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from experiments.harmonic_tables import OMEGA, room_map
 from robocar.core import NoPathFound
-from robocar.experiment import Report
+from robocar.experiments.harmonic_tables import OMEGA, room_map
 from robocar.formats.generated import maze
 from robocar.formats.movingai import load_movingai_map
 from robocar.planners.harmonic.laplace import Potential, laplace_problem, solve, sweep
 from robocar.planners.harmonic.streamline import descend, streamline
+from robocar.reporting.report import Report
 
 STARTS = {
     1: ((0.90, 0.10), (0.05, 0.05), (0.50, 0.30), (0.92, 0.90), (0.62, 0.92)),

@@ -18,10 +18,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
-from robocar.console import say
-from robocar.experiment import Report
 from robocar.planners.harmonic.laplace import best_omega, block_sweep, laplace_problem, solve, sweep
 from robocar.planners.harmonic.laplace.lattice import Scheme
+from robocar.reporting.report import Report
+from robocar.reporting.terminal import say
 
 SIZES = (300, 600, 900, 1200, 1500, 1800)
 SCHEMES: dict[Scheme, str] = {"full": "FSSOR", "half": "HSSOR", "quarter": "QSSOR"}

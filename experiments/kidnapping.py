@@ -18,10 +18,10 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from experiments._tours import SCENARIO, Heard, drive, listen
-from robocar.experiment import Report
-from robocar.localization_metrics import recovery_time
-from robocar.run import run
+from robocar.episode.run import run
+from robocar.experiments._tours import SCENARIO, Heard, drive, listen
+from robocar.metrics.localization import recovery_time
+from robocar.reporting.report import Report
 
 WHEN, LIMIT = 30.0, 15.0  # [s]
 CASES = {

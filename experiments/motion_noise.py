@@ -2,8 +2,8 @@
 
 Cars with the tolerances that each seed draws (tyres, wheels) drive arcs, straight ways and turns on the spot on an empty floor.
 Over windows of a few seconds, odometry's step is compared with the true one; the squares of the errors along the way and of the
-turn are fitted by the model's variances (`robocar.estimation.motion_models`) with weights that make long and short windows
-count alike.
+turn are fitted by the model's variances (`robocar.estimation.odometry.motion_models`) with weights that make long and short
+windows count alike.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from scipy.optimize import nnls
 
 from robocar.core import SE2, Array, Drive, OccupancyGrid, Twist, wrap_angle
 from robocar.core.randomness import stream
-from robocar.estimation.motion_models import MotionParameters
-from robocar.estimation.odometry import WheelOdometry
-from robocar.experiment import Report
+from robocar.estimation.odometry.motion_models import MotionParameters
+from robocar.estimation.odometry.odometry import WheelOdometry
+from robocar.reporting.report import Report
 from robocar.sim.car import FitOut
 from robocar.sim.simulation import Simulation
 from robocar.sim.world import build_world

@@ -17,11 +17,11 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from experiments._bug_worlds import ROBOT, grid, room
 from robocar.core import Array
-from robocar.experiment import Report, run_many
+from robocar.episode.run import RunResult
+from robocar.experiments._bug_worlds import ROBOT, grid, room
 from robocar.planners.bugs.view import Parameters
-from robocar.run import RunResult
+from robocar.reporting.report import Report, run_many
 
 CROWDS = (1, 2, 4, 6, 8)
 CROWD_SPEEDS = (0.1, 0.2, 0.3, 0.4)  # [m/s]

@@ -19,17 +19,17 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from experiments._bug_worlds import CIRCLE, ROBOT, circle, draw, grid, room, scene_of
 from robocar.core import SE2, STOP, Array, Belief, Command, Context, Done, GiveUp, Goal, OccupancyGrid
 from robocar.core.randomness import stream
 from robocar.core.rays import cast_rays
-from robocar.estimation.no_mapper import NoMapper
-from robocar.experiment import Report
+from robocar.episode.registry import build
+from robocar.episode.run import simulate
+from robocar.estimation.mapping.no_mapper import NoMapper
+from robocar.experiments._bug_worlds import CIRCLE, ROBOT, circle, draw, grid, room, scene_of
 from robocar.planners.bugs.ocpb.strategy import OperativeCriticalPointBug
 from robocar.planners.bugs.view import Parameters
 from robocar.planners.tracking.open_points import OpenPoint, Panorama, find_open_points
-from robocar.registry import build
-from robocar.run import simulate
+from robocar.reporting.report import Report
 
 BEAMS, MAX_RANGE = 360, 6.0
 BOXES = ((1.5, 1.5, 2.2, 2.0), (4.0, 1.0, 4.4, 2.8), (2.5, 3.6, 3.8, 4.2), (4.6, 4.4, 5.0, 4.8), (0.8, 3.2, 1.1, 4.6))

@@ -29,11 +29,11 @@ import yaml
 
 from robocar.core import SE2, Array, Drive, Hold, OccupancyGrid, Serial, Twist, wrap_angle
 from robocar.core.robot import Calibration
-from robocar.estimation.odometry import WheelOdometry
-from robocar.experiment import Report
+from robocar.estimation.odometry.odometry import WheelOdometry
 from robocar.paths import MODELS
+from robocar.reporting.report import Report
 from robocar.sim.car import FitOut, geometric_track
-from robocar.sim.sensors import CameraParameters, SensorParameters
+from robocar.sim.sensors.sensors import CameraParameters, SensorParameters
 from robocar.sim.simulation import Simulation
 from robocar.sim.world import build_world
 

@@ -24,14 +24,14 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
 from robocar.core import Array, NoPathFound
-from robocar.experiment import Report, run_many
+from robocar.episode.run import RunResult
 from robocar.paths import MODELS
 from robocar.planners.costmap.layered import inflate
 from robocar.planners.sampling.random_trees import Growth
 from robocar.planners.sampling.rrt import Parameters, costmap_world, path_cost, search
-from robocar.run import RunResult
-from robocar.scenario import load_scenario
-from robocar.scene import Scene
+from robocar.reporting.report import Report, run_many
+from robocar.scenario.model import load_scenario
+from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 
 TABLE_1 = Parameters(variant="rrt", step=0.5, max_samples=10_000, adaptive_step=False, shortcuts=0)

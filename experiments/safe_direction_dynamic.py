@@ -15,9 +15,9 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from experiments._safe_direction_worlds import Box, Drawn
-from robocar.experiment import Report, run_many
-from robocar.run import RunResult
+from robocar.episode.run import RunResult
+from robocar.experiments._safe_direction_worlds import Box, Drawn
+from robocar.reporting.report import Report, run_many
 
 MOVERS = (2, 4, 6)
 FASTEST = 0.3  # [m/s]

@@ -20,15 +20,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from scipy.stats import spearmanr
 
-from experiments._safe_direction_worlds import FIGURES, Drawn, culdesac, middle_error, outline_clearance, path_clearance
 from robocar.core import SE2, Array, Footprint, Robot, Scan
 from robocar.core.rays import cast_rays
 from robocar.core.robot import Calibration, Limits
-from robocar.experiment import Report, run_many
+from robocar.episode.run import RunResult
+from robocar.experiments._safe_direction_worlds import FIGURES, Drawn, culdesac, middle_error, outline_clearance, path_clearance
 from robocar.planners.safe_direction.method import Directions, Parameters
 from robocar.planners.safe_direction.view import Panorama, Sector
 from robocar.planners.search.transforms import descend, distance_transform, obstacle_transform
-from robocar.run import RunResult
+from robocar.reporting.report import Report, run_many
 from robocar.sim.car import footprint
 
 ALPHAS = (0.0, 0.2, 0.4, 0.6, 0.8)

@@ -23,11 +23,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 from scipy.stats import chi2
 
-from experiments._tours import FIELD, SCENARIO, WAY_POINTS, Heard, drive, listen
 from robocar.core import Array, wrap_angles
-from robocar.experiment import Report
-from robocar.localization_metrics import after_convergence, convergence_time, summarize_localization
-from robocar.run import run
+from robocar.episode.run import run
+from robocar.experiments._tours import FIELD, SCENARIO, WAY_POINTS, Heard, drive, listen
+from robocar.metrics.localization import after_convergence, convergence_time, summarize_localization
+from robocar.reporting.report import Report
 
 PARTICLES = (200, 400, 600)
 THESIS = {  # Table 4.4, as printed: % of x, y, theta; iterations; s

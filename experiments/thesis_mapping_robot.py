@@ -15,13 +15,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from robocar.core import Array, OccupancyGrid
-from robocar.experiment import Report, run_many
+from robocar.episode.run import RunResult
 from robocar.formats import load_map
 from robocar.formats.thesis_picture import save_thesis_picture
-from robocar.map_metrics import enclosed, on_common_cells
-from robocar.run import RunResult
-from robocar.scenario import load_scenario
-from robocar.scene import Scene
+from robocar.metrics.map import enclosed, on_common_cells
+from robocar.reporting.report import Report, run_many
+from robocar.scenario.model import load_scenario
+from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 
 WORLD = {"start": [0.25, 0.5, 0.0], "goal": [3.25, 0.5]}

@@ -16,7 +16,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from robocar.core import SE2, Array, Hold, OccupancyGrid, Serial, wrap_angle
-from robocar.experiment import Report
+from robocar.reporting.report import Report
 from robocar.sim.car import FitOut
 from robocar.sim.firmware import CELL
 from robocar.sim.simulation import Simulation

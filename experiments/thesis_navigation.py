@@ -18,11 +18,11 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from robocar.core import SE2, Array
-from robocar.experiment import Report, run_many
+from robocar.episode.run import RunResult
 from robocar.planners.search.dynamic_a_star import Lattice
-from robocar.run import RunResult
-from robocar.scenario import load_scenario
-from robocar.scene import Scene
+from robocar.reporting.report import Report, run_many
+from robocar.scenario.model import load_scenario
+from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 
 SCENARIO = "thesis-field"

@@ -18,10 +18,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from robocar.core import ScenarioError
-from robocar.experiment import Report, run_many
-from robocar.run import RunResult
-from robocar.scenario import MoverModel, load_scenario
-from robocar.scene import Scene
+from robocar.episode.run import RunResult
+from robocar.reporting.report import Report, run_many
+from robocar.scenario.model import MoverModel, load_scenario
+from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 from robocar.sim.movers import Mover
 

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.barn import courses, score, write_course
 from robocar import run
 from robocar.core import SE2, STOP, GoalOccupied
 from robocar.core.distance import polygon_distance
+from robocar.episode.run import simulate
+from robocar.experiments.barn import courses, score, write_course
 from robocar.formats import BarnWorld, save_barn_world
-from robocar.run import simulate
-from robocar.scenario import Scenario, load_scenario
-from robocar.scene import Scene
+from robocar.scenario.model import Scenario, load_scenario
+from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 
 POSTS = np.array([[1.0, 0.0, 0.20], [1.6, 0.9, 0.10], [-0.7, -0.6, 0.30], [0.2, 1.1, 0.15]])

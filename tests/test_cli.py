@@ -19,11 +19,11 @@ import pytest
 import yaml
 
 from robocar import __version__
-from robocar.cli import main
+from robocar.cli.main import main
+from robocar.episode.registry import names
 from robocar.formats import read_tum
 from robocar.recording import read_trajectory
-from robocar.registry import names
-from robocar.scenario import scenario_names
+from robocar.scenario.model import scenario_names
 
 ROOT = Path(__file__).parents[1]
 SHORT = {"map": "maps/thesis_field.yaml", "start": [0.3, 0.3, 0], "goal": [1.2, 0.4], "time_limit": 30}
@@ -329,7 +329,7 @@ def references_of(node: Any) -> set[str]:
 
 
 def command(*words: object) -> list[str]:
-    return [sys.executable, "-m", "robocar.cli", *map(str, words)]
+    return [sys.executable, "-m", "robocar.cli.main", *map(str, words)]
 
 
 def environment(*folders: Path) -> dict[str, str]:
@@ -338,7 +338,7 @@ def environment(*folders: Path) -> dict[str, str]:
 
 def test_help_and_version_import_nothing_heavy() -> None:
     code = (
-        "import sys\nfrom robocar.cli import main\n"
+        "import sys\nfrom robocar.cli.main import main\n"
         "try: main(sys.argv[1:])\n"
         "except SystemExit as end: assert not end.code\n"
         "heavy = {'mujoco', 'rerun', 'numba', 'matplotlib', 'numpy', 'scipy', 'cv2', 'pydantic', 'yaml'} & set(sys.modules)\n"

@@ -14,11 +14,11 @@ import cv2
 import pytest
 from scipy.ndimage import distance_transform_edt, label
 
-from experiments.replanning import NAVIGATORS, UNKNOWN, generated_world
 from robocar.core import OutputError, ScenarioError, UnknownNameError
-from robocar.experiment import Report, experiment_names, run_experiment, run_many
-from robocar.scenario import load_scenario
-from robocar.scene import Scene
+from robocar.experiments.replanning import NAVIGATORS, UNKNOWN, generated_world
+from robocar.reporting.report import Report, experiment_names, run_experiment, run_many
+from robocar.scenario.model import load_scenario
+from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 
 LONG = pytest.mark.skipif(not os.environ.get("ROBOCAR_LONG_TESTS"), reason="takes minutes: set ROBOCAR_LONG_TESTS=1")

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from robocar.localization_metrics import after_convergence, convergence_time, nees, recovery_time, summarize_localization
+from robocar.metrics.localization import after_convergence, convergence_time, nees, recovery_time, summarize_localization
 
 TIME = np.arange(0.0, 20.0, 0.5)
 TRUTH = np.column_stack([TIME, np.zeros(40), np.full(40, 3.1)])

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import ndimage
 
-from robocar import map_metrics
 from robocar.core import SE2, Calibration, Footprint, Limits, OccupancyGrid, RangeSensor, Robot
 from robocar.core.rays import cast_rays
-from robocar.map_metrics import Eye, enclosed, on_common_cells, reachable_cells, score, summarize_map, visible_cells
+from robocar.metrics import map as map_metrics
+from robocar.metrics.map import Eye, enclosed, on_common_cells, reachable_cells, score, summarize_map, visible_cells
 
 SIZE = 0.1
 

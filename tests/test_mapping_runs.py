@@ -11,13 +11,13 @@ import pytest
 
 import robocar
 from robocar.core import SE2, OccupancyGrid, ParameterError
+from robocar.episode.map_watch import decided
+from robocar.episode.replay import replay
+from robocar.episode.run import RunResult
 from robocar.formats import load_map
-from robocar.map_metrics import on_common_cells
-from robocar.map_watch import decided
-from robocar.replay import replay
-from robocar.run import RunResult
-from robocar.scenario import load_scenario
-from robocar.scene import Scene
+from robocar.metrics.map import on_common_cells
+from robocar.scenario.model import load_scenario
+from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 
 

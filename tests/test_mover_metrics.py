@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from robocar import run
 from robocar.core import SE2, Footprint, Twist
 from robocar.core.distance import polygon_distance
-from robocar.mover_metrics import HORIZON, Shape, Track, distance, summarize_movers, time_to_collision
+from robocar.metrics.movers import HORIZON, Shape, Track, distance, summarize_movers, time_to_collision
 
 CAR = Footprint.rectangle(0.10, 0.10, 0.09)
 BOX = Shape(np.array([[0.2, 0.15], [-0.2, 0.15], [-0.2, -0.15], [0.2, -0.15]]))

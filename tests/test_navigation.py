@@ -31,7 +31,7 @@ from robocar.core import (
     Twist,
 )
 from robocar.core.truth import GroundTruth
-from robocar.navigation import Episode, Rules, checked, checked_belief, navigate
+from robocar.episode.loop import Episode, Rules, checked, checked_belief, navigate
 from robocar.recording import NullRecorder
 
 DT = 0.1

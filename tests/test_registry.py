@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from robocar.core import SE2, Context, Estimator, Landmark, Mapper, Navigator, OccupancyGrid, ParameterError, UnknownNameError
-from robocar.registry import Kind, build, did_you_mean, find, names, parameters
-from robocar.run import simulate
+from robocar.episode.registry import Kind, build, did_you_mean, find, names, parameters
+from robocar.episode.run import simulate
 from robocar.sim.car import FitOut, describe
-from robocar.sim.sensors import SensorParameters
+from robocar.sim.sensors.sensors import SensorParameters
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
 WORLD = {"map": "maps/thesis_field.yaml", "start": [0.3, 0.3, 0]}

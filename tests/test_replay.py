@@ -12,9 +12,9 @@ import pytest
 
 import robocar
 from robocar.core import LogFormatError, ParameterError, ScenarioError, UnknownNameError
+from robocar.episode.replay import replay
 from robocar.formats import read_tum
 from robocar.formats.mrclam import load_mrclam
-from robocar.replay import replay
 
 SETTINGS = {
     "robot.camera": True,

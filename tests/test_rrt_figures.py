@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from experiments.rrt_figures import WORLDS, smoothness, world
-from robocar.scenario import load_scenario
-from robocar.scene import Scene
+from robocar.experiments.rrt_figures import WORLDS, smoothness, world
+from robocar.scenario.model import load_scenario
+from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 
 

@@ -32,12 +32,12 @@ from robocar.core import (
     Twist,
     UnknownNameError,
 )
-from robocar.experiment import run_many
+from robocar.episode.loop import Episode, Rules
+from robocar.episode.run import RunResult, run, simulate
 from robocar.formats import load_map, read_tum
-from robocar.navigation import Episode, Rules
 from robocar.recording import read_observations, read_signal, read_trajectory
-from robocar.run import RunResult, run, simulate
-from robocar.scenario import load_scenario
+from robocar.reporting.report import run_many
+from robocar.scenario.model import load_scenario
 
 SHORT: dict[str, Any] = {
     "name": "short",

@@ -10,14 +10,14 @@ import pytest
 from rerun.chunk import RrdReader
 from test_experiments import written
 
-from experiments._safe_direction_worlds import FIGURES, culdesac, middle_error
-from experiments.safe_direction_dynamic import CROSSINGS, FASTEST, world
-from experiments.safe_direction_figures import BEST, histogram, transform_path
 from robocar.core.distance import ClearanceField
-from robocar.experiment import run_experiment
-from robocar.run import run
-from robocar.scenario import load_scenario
-from robocar.scene import Scene
+from robocar.episode.run import run
+from robocar.experiments._safe_direction_worlds import FIGURES, culdesac, middle_error
+from robocar.experiments.safe_direction_dynamic import CROSSINGS, FASTEST, world
+from robocar.experiments.safe_direction_figures import BEST, histogram, transform_path
+from robocar.reporting.report import run_experiment
+from robocar.scenario.model import load_scenario
+from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 
 LONG = pytest.mark.skipif(not os.environ.get("ROBOCAR_LONG_TESTS"), reason="takes minutes: set ROBOCAR_LONG_TESTS=1")

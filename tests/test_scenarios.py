@@ -18,11 +18,11 @@ from scipy.sparse.csgraph import dijkstra
 
 from robocar.core import OccupancyGrid
 from robocar.core.solids import Box
+from robocar.episode.registry import find
 from robocar.formats import load_map, save_ros_map
 from robocar.paths import MODELS
-from robocar.registry import find
-from robocar.scenario import load_scenario, scenario_names
-from robocar.scene import Scene
+from robocar.scenario.model import load_scenario, scenario_names
+from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 
 SCENARIOS = scenario_names()

@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from experiments import warehouse_dynamic
-from experiments.warehouse_dynamic import COUNTS, KEEP_OFF, dynamic_scenario
 from robocar import run
 from robocar.core import STOP, ScenarioError
-from robocar.run import simulate
-from robocar.scenario import load_scenario
-from robocar.scene import Scene
+from robocar.episode.run import simulate
+from robocar.experiments import warehouse_dynamic
+from robocar.experiments.warehouse_dynamic import COUNTS, KEEP_OFF, dynamic_scenario
+from robocar.scenario.model import load_scenario
+from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 
 

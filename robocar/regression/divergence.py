@@ -188,8 +188,8 @@ def _overlay(folders: tuple[Path, Path], truths: list[Trajectory], first: Differ
     """Both runs in the world of the base."""
     from robocar.recording.overlay import Side, write_overlay
     from robocar.recording.scenery import Scenery
-    from robocar.scenario import Scenario
-    from robocar.scene import Scene
+    from robocar.scenario.model import Scenario
+    from robocar.scenario.scene import Scene
     from robocar.sim.car import footprint
 
     config = read_yaml(folders[0] / "config.yaml")

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import pytest
 
 if TYPE_CHECKING:
+    from robocar.episode.run import RunResult
     from robocar.regression.results import Row
-    from robocar.run import RunResult
 
 UPDATE, RECORDINGS, BASELINES = "--robocar-update", "--robocar-recordings", "robocar_baselines"
 KEPT = "robocar-recordings"
@@ -155,8 +155,8 @@ class _Runs:
         self._known: dict[str, RunResult] = {}
 
     def run(self, scenario: Any, names: Mapping[str, str | None], seed: int, settings: Mapping[str, Any]) -> RunResult:
-        from robocar.run import run
-        from robocar.scenario import load_scenario, split_overrides
+        from robocar.episode.run import run
+        from robocar.scenario.model import load_scenario, split_overrides
 
         loaded = load_scenario(scenario, split_overrides(settings)[0])
         key = json.dumps(
@@ -189,12 +189,12 @@ def _name(part: str | Callable[..., Any]) -> str:
 
 
 def _row(run: RunResult) -> Row:
-    from robocar.fingerprint import fingerprint, versions
+    from robocar.episode.fingerprint import fingerprint, versions
     from robocar.regression.results import Row, read_run
 
     if run.directory is not None:
         return read_run(run.directory)
-    from robocar.run_directory import run_name
+    from robocar.episode.run_directory import run_name
 
     parts = {"navigator": run.navigator, "estimator": run.estimator, "mapper": run.mapper}
     metrics = {name: None if metric["value"] is None else float(metric["value"]) for name, metric in run.metrics.items()}

@@ -220,7 +220,7 @@ def _way(run: Path) -> Trajectory | None:
 def _world(run: Path) -> tuple[OccupancyGrid | None, list[np.ndarray]]:
     """The map that a run was driven on, and outlines (n, 2) [m] of what stands there beside; nothing where the file is gone."""
     from robocar.formats import load_map
-    from robocar.scenario import Scenario
+    from robocar.scenario.model import Scenario
 
     config = read_yaml(run / "config.yaml")
     try:

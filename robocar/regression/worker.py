@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from robocar.core import OutputError
-from robocar.run_directory import RunDirectory
+from robocar.episode.run_directory import RunDirectory
 
 ROOM = 1 << 20
 """A disk with less room is full [B]."""
@@ -64,7 +64,7 @@ def execute(job: Job) -> Outcome:
     """Runs the job in this process; whatever the run raises is in the outcome."""
     with _log(job):
         try:
-            from robocar.run import run
+            from robocar.episode.run import run
 
             run(**job.arguments, out=job.out, record=job.record, force=True)
         except (Exception, SystemExit) as error:
@@ -76,7 +76,7 @@ def execute(job: Job) -> Outcome:
 
 def warm_up() -> None:
     """The imports that every run needs, before the first one is timed or limited."""
-    import robocar.run  # noqa: F401
+    import robocar.episode.run  # noqa: F401
 
 
 def _is_full(folder: Path, error: BaseException) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 from dm_env import specs
 
 from robocar.rl.task import DrivingTask, Reward
-from robocar.scenario import Scenario
+from robocar.scenario.model import Scenario
 
 
 class RobocarEnv(dm_env.Environment):

@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 
 from robocar.rl.task import DrivingTask, Reward
-from robocar.scenario import Scenario, load_scenario, scenario_names
+from robocar.scenario.model import Scenario, load_scenario, scenario_names
 
 Array = np.ndarray[Any, Any]
 

@@ -17,10 +17,10 @@ from scipy.sparse.csgraph import dijkstra
 from robocar.core import STOP, Array, Context, Drive, Observation, ScenarioError, Twist
 from robocar.core.distance import obstacle_distance
 from robocar.core.randomness import stream
-from robocar.estimation.odometry import OdometryEstimator
-from robocar.run import simulation_of
-from robocar.scenario import Scenario, load_scenario, split_overrides
-from robocar.scene import Scene
+from robocar.episode.run import simulation_of
+from robocar.estimation.odometry.odometry import OdometryEstimator
+from robocar.scenario.model import Scenario, load_scenario, split_overrides
+from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 
 PSD_RANGE = 10.0

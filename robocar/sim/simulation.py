@@ -28,19 +28,9 @@ from robocar.core import (
 from robocar.core.randomness import stream
 from robocar.core.truth import GroundTruth
 from robocar.sim import car
-from robocar.sim.camera import OffscreenCamera
 from robocar.sim.firmware import Firmware, FirmwareParameters
-from robocar.sim.sensors import (
-    BasePose,
-    Channel,
-    Compass,
-    Lidar,
-    Psd,
-    SensorParameters,
-    Sonar,
-    base_pose,
-    planar,
-)
+from robocar.sim.sensors.camera import OffscreenCamera
+from robocar.sim.sensors.sensors import BasePose, Channel, Compass, Lidar, Psd, SensorParameters, Sonar, base_pose, planar
 
 World: TypeAlias = mujoco.MjSpec
 _WHEELS = ("front_left", "rear_left", "front_right", "rear_right")

@@ -1,6 +1,6 @@
 """From a grid map to a MuJoCo world without a car: the one source of what physics, range sensors and planners meet.
 
-Why it is built as it is (MuJoCo 4.0, a 512 x 512 cave of 10 011 boxes; `experiments/bench_worlds.py` measures it again):
+Why it is built as it is (MuJoCo 4.0, a 512 x 512 cave of 10 011 boxes; `benchmarks/bench_worlds.py` measures it again):
 
 * `sleep` is enabled, not for sleeping (nothing may: `sleep_tolerance` is 0) but because MuJoCo then computes the poses of static
   geoms once instead of at every step. Results are the same bit by bit. Who moves a static geom of a compiled model must make a

@@ -13,10 +13,10 @@ import pytest
 
 from robocar.core import SE2, Array, Detection, Image, Landmark, OccupancyGrid, wrap_angle
 from robocar.core.solids import Box
-from robocar.estimation.balls import HUES, BallDetector
-from robocar.sim.camera import OffscreenCamera
+from robocar.estimation.landmarks.balls import HUES, BallDetector
 from robocar.sim.car import PREFIX, FitOut
-from robocar.sim.sensors import base_pose
+from robocar.sim.sensors.camera import OffscreenCamera
+from robocar.sim.sensors.sensors import base_pose
 from robocar.sim.simulation import Simulation
 from robocar.sim.world import LIGHTING, build_world
 

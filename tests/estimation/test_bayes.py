@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robocar.core import ParameterError
-from robocar.estimation.bayes import DiscreteBayesFilter
+from robocar.estimation.landmarks.bayes import DiscreteBayesFilter
 
 SENSES_OPEN = (0.6, 0.2)  # given open, closed
 PUSH = [[1.0, 0.8], [0.0, 0.2]]  # to open, to closed; from open, closed

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robocar.estimation import cones
+from robocar.estimation.landmarks import cones
 
 angles = st.floats(-0.5, 0.5)
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robocar.core import wrap_angle
-from robocar.estimation.estimates import largest_group, mean_of_all
+from robocar.estimation.landmarks.estimates import largest_group, mean_of_all
 
 
 @given(st.integers(0, 1000), st.floats(-3.1, 3.1))

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from robocar.core import SE2, Belief, MapTooLarge, Observation, OccupancyGrid, Scan
 from robocar.core.rays import cast_rays, traverse
-from robocar.estimation.log_odds_grid import MAX_CELLS
-from robocar.estimation.mapping import OccupancyMapper, Parameters, log_odds
+from robocar.estimation.mapping.log_odds_grid import MAX_CELLS
+from robocar.estimation.mapping.mapping import OccupancyMapper, Parameters, log_odds
 
 INF, NAN = math.inf, math.nan
 SIZE = 0.05

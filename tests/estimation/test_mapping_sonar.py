@@ -26,8 +26,8 @@ from robocar.core import (
     Scan,
 )
 from robocar.core.rays import cast_rays
-from robocar.estimation import mapping
-from robocar.estimation.mapping import OccupancyMapper, Parameters, log_odds
+from robocar.estimation.mapping import mapping
+from robocar.estimation.mapping.mapping import OccupancyMapper, Parameters, log_odds
 
 INF, NAN = math.inf, math.nan
 SIZE = 0.05

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robocar.core import SE2, Twist, wrap_angle
-from robocar.estimation.motion_models import Alphas, MotionParameters, arc_of, draw, move, propagate, turn_move_turn
+from robocar.estimation.odometry.motion_models import Alphas, MotionParameters, arc_of, draw, move, propagate, turn_move_turn
 
 small = st.floats(-0.5, 0.5)
 STILL = {f"alpha{k}": 0.0 for k in (1, 2, 3, 4)} | {f"velocity_alpha{k}": 0.0 for k in (1, 2, 3, 4)}

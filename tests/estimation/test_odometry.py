@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robocar.core import SE2, STOP, Calibration, Context, Footprint, Limits, Observation, Reading, Robot, Twist, WheelAngles
-from robocar.estimation.odometry import (
+from robocar.estimation.odometry.odometry import (
     CompassOdometryEstimator,
     OdometryEstimator,
     OdometryParameters,

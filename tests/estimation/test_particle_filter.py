@@ -22,12 +22,12 @@ from robocar.core import (
     Segments,
     Text,
 )
-from robocar.estimation import ekf, particle_filter
-from robocar.estimation.area import Area
-from robocar.estimation.guesses import Guesses
-from robocar.estimation.motion_models import MotionParameters
-from robocar.estimation.particle_filter import FilterParameters, ParticleFilter
-from robocar.estimation.sensor_models import Atlas
+from robocar.estimation.landmarks import ekf, particle_filter
+from robocar.estimation.landmarks.area import Area
+from robocar.estimation.landmarks.guesses import Guesses
+from robocar.estimation.landmarks.particle_filter import FilterParameters, ParticleFilter
+from robocar.estimation.landmarks.sensor_models import Atlas
+from robocar.estimation.odometry.motion_models import MotionParameters
 
 START = SE2(1.5, 0.8, 0.3)
 TWO_HUNDRED = {"min_particles": 200, "max_particles": 200}

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.stats import chi2
 
-from robocar.estimation import resampling
-from robocar.estimation.motion_models import bounded
+from robocar.estimation.landmarks import resampling
+from robocar.estimation.odometry.motion_models import bounded
 
 weights = hnp.arrays(float, st.integers(1, 40), elements=st.floats(0.001, 1.0)).map(lambda w: w / w.sum())
 

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robocar.core import SE2, Detection, Landmark
-from robocar.estimation import sensor_models
-from robocar.estimation.sensor_models import Atlas, reweigh
+from robocar.estimation.landmarks import sensor_models
+from robocar.estimation.landmarks.sensor_models import Atlas, reweigh
 
 MARKS = (
     Landmark("a", "red", np.array([0.0, 0.0, 0.4]), 0.1),

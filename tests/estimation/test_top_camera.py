@@ -15,10 +15,10 @@ from localization import context
 import robocar
 from robocar.core import SE2, STOP, Belief, Image, Landmark, Observation, OccupancyGrid, Reading, ScenarioError
 from robocar.core.solids import Box, Cylinder
-from robocar.estimation import top_camera
-from robocar.estimation.top_camera import find_car, floor_points, pixels_of
-from robocar.sim.camera import OffscreenCamera
+from robocar.estimation.landmarks import top_camera
+from robocar.estimation.landmarks.top_camera import find_car, floor_points, pixels_of
 from robocar.sim.car import FitOut
+from robocar.sim.sensors.camera import OffscreenCamera
 from robocar.sim.simulation import Simulation
 from robocar.sim.world import LIGHTING, build_world
 

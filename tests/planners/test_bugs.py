@@ -12,10 +12,10 @@ from kinematic import car, context
 from numba.core.registry import CPUDispatcher
 
 from robocar.core import OCCUPIED, SE2, STOP, Belief, Goal, Observation, OccupancyGrid, ParameterError, Scan, Text, Twist
+from robocar.episode.registry import build
 from robocar.planners.bugs.local_planner import Bug
 from robocar.planners.bugs.view import Parameters, free_way, narrow_gap
 from robocar.planners.tracking.open_points import VirtualCircle
-from robocar.registry import build
 
 LOOPS = ("bug1", "bug2", "dist-bug", "tangent-bug")
 POINTS = ("point-bug", "critical-point-bug", "ocpb")

@@ -1,6 +1,6 @@
 """What every navigator promises that drives to a goal, in a small world without physics.
 
-They are all that `robocar.registry` knows, those of other packages included, so that a new one joins by its line there.
+They are all that `robocar.episode.registry` knows, those of other packages included, so that a new one joins by its line there.
 """
 
 import math
@@ -11,8 +11,8 @@ import pytest
 from kinematic import DT, car, context, drive, sense
 
 from robocar.core import OCCUPIED, SE2, Belief, GiveUp, Goal, Navigator, OccupancyGrid, RangeSensor, Robot
-from robocar.estimation.no_mapper import NoMapper
-from robocar.registry import build, names
+from robocar.episode.registry import build, names
+from robocar.estimation.mapping.no_mapper import NoMapper
 
 EXPLORERS = {"explore"}
 """Those that draw a map instead; their contracts are in their own tests."""

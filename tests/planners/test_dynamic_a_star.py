@@ -16,6 +16,7 @@ from kinematic import DT, car, context, drive
 
 from robocar.core import OCCUPIED, SE2, Belief, GiveUp, Goal, Observation, OccupancyGrid, ParameterError, Scalar, Scan
 from robocar.core.geodesic import geodesic_distance
+from robocar.episode.run import RunResult, run
 from robocar.planners.search.dynamic_a_star import DynamicAStar, Lattice, Parameters, build
 from robocar.planners.search.obstacle_memory import (
     _EXPLAINED,
@@ -28,7 +29,6 @@ from robocar.planners.search.obstacle_memory import (
     _mark_cone,
     _way_blocked,
 )
-from robocar.run import RunResult, run
 
 FRONT = (SE2(0.1, 0.05, 0.2), SE2(0.1, -0.05, -0.2))
 SIDES = (*FRONT, SE2(0.0, 0.09, math.pi / 2), SE2(0.0, -0.09, -math.pi / 2))

@@ -33,7 +33,7 @@ from robocar.core import (
 )
 from robocar.core.distance import ClearanceField
 from robocar.core.rays import cast_rays
-from robocar.estimation.mapping import OccupancyMapper
+from robocar.estimation.mapping.mapping import OccupancyMapper
 from robocar.planners.controllers import pure_pursuit
 from robocar.planners.costmap import known_space
 from robocar.planners.exploration import explore

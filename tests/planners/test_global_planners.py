@@ -24,7 +24,7 @@ from robocar.core import (
     OutsideMap,
     StartOccupied,
 )
-from robocar.registry import names
+from robocar.episode.registry import names
 
 Case = tuple[str, dict[str, Any]]
 """A factory `module:function`, and parameters."""

@@ -14,6 +14,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from robocar.core import OCCUPIED, SE2, Arrows, Goal, Lines, OccupancyGrid, Points
+from robocar.episode.registry import build
+from robocar.episode.run import run as run_in_physics
 from robocar.planners.bugs.ocpb.strategy import OperativeCriticalPointBug, Parameters
 from robocar.planners.bugs.ocpb.sub_goals import SAME
 from robocar.planners.bugs.ocpb.surfaces import Surfaces
@@ -21,8 +23,6 @@ from robocar.planners.bugs.ocpb.traverse import Candidate, Traverse
 from robocar.planners.bugs.view import Parameters as BugParameters
 from robocar.planners.bugs.view import View, narrow_gap
 from robocar.planners.tracking.open_points import OpenPoint, Panorama, VirtualCircle
-from robocar.registry import build
-from robocar.run import run as run_in_physics
 
 CELL = 0.01
 RADIUS = VirtualCircle.of(laser_car().footprint, 0.03).radius

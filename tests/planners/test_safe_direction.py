@@ -32,7 +32,7 @@ from robocar.planners.search.transforms import distance_transform
 
 from robocar.core import Scan, ScenarioError, Twist  # isort: skip
 from robocar.core.rays import cast_rays
-from robocar.estimation.no_mapper import NoMapper
+from robocar.estimation.mapping.no_mapper import NoMapper
 
 BEARINGS = np.radians(np.arange(-180.0, 180.0))
 LASER = RangeSensor("laser", SE2(0.03, 0.0), BEARINGS, 0.0, 0.06, 6.0, DT)

@@ -12,7 +12,7 @@ from kinematic import DT, car
 from test_safe_direction import BEARINGS, context, robot, room, scan
 
 from robocar.core import SE2, Belief, Costmap, Goal, Observation, Twist
-from robocar.estimation.no_mapper import NoMapper
+from robocar.estimation.mapping.no_mapper import NoMapper
 from robocar.planners.safe_direction.movers import _HORIZON, Movers, _least_gap
 from robocar.planners.safe_direction.planner import build, build_with_memory
 from robocar.planners.safe_direction.view import window

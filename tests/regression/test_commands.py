@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from rows import row, write_run
 
-from robocar.cli import main
+from robocar.cli.main import main
 
 
 @pytest.fixture

@@ -15,12 +15,12 @@ from hypothesis import strategies as st
 from rows import results, row
 
 from robocar.core import LogFormatError
+from robocar.episode.run import run
 from robocar.regression.compare import compare
 from robocar.regression.judgement import TOLERANCES, Tolerance, tolerances
 from robocar.regression.results import read_results
 from robocar.regression.sweep import sweep
 from robocar.regression.tables import comparison_json, comparison_text, junit_of_comparison
-from robocar.run import run
 
 SEEDS = range(6)
 

@@ -14,10 +14,10 @@ import pytest
 from rerun.chunk import RrdReader
 
 from robocar.core import LogFormatError
+from robocar.episode.run import run
 from robocar.formats import read_tum
 from robocar.recording import read_trajectory
 from robocar.regression.divergence import describe, find_divergence, to_json
-from robocar.run import run
 
 SCENE = {"name": "floor", "map": "maps/thesis_field.yaml", "start": [0.5, 1.2, 0], "goal": [3.2, 1.2], "time_limit": 3.0}
 KNEE = 23

@@ -10,7 +10,7 @@ from importlib import import_module
 
 import pytest
 
-from robocar.run import run
+from robocar.episode.run import run
 
 pytest_plugins = ["pytester"]
 SHORT = {"name": "short", "map": "maps/thesis_field.yaml", "start": [0.3, 0.3, 0], "goal": [1.2, 0.4], "time_limit": 1.0}

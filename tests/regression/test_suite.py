@@ -15,9 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robocar.core import ScenarioError
+from robocar.episode.run import run
 from robocar.regression.judgement import TOLERANCES, Tolerance
 from robocar.regression.suite import find_suite, load_suite, suite_names
-from robocar.run import run
 
 GOOD: dict[str, Any] = {"name": "good", "runs": [{"scenarios": ["u-trap"]}]}
 

@@ -15,9 +15,9 @@ import pytest
 from dm_env import test_utils
 
 from robocar.core import Drive, ScenarioError, Twist
+from robocar.episode.run import simulate
 from robocar.rl.dm import RobocarEnv
 from robocar.rl.task import DrivingTask, Reward
-from robocar.run import simulate
 
 ROOM: dict[str, Any] = {
     "name": "room",

@@ -14,7 +14,7 @@ from rooms import IDENTICAL_CARS, drive, execute, room
 
 from robocar.core import SE2, Drive, Footprint, Hold, ScenarioError, Twist
 from robocar.sim import car
-from robocar.sim.sensors import SensorParameters
+from robocar.sim.sensors.sensors import SensorParameters
 from robocar.sim.simulation import PhysicsParameters, Simulation
 
 WHEELS = ("front_left", "rear_left", "front_right", "rear_right")
@@ -336,13 +336,13 @@ def test_the_shipped_calibration_is_read(camera: bool) -> None:
 
 
 def test_there_are_scenarios() -> None:
-    from robocar.scenario import scenario_names
+    from robocar.scenario.model import scenario_names
 
     assert "thesis-field" in scenario_names()
 
 
 def _scenario_names() -> list[str]:
-    from robocar.scenario import scenario_names
+    from robocar.scenario.model import scenario_names
 
     return scenario_names()
 
@@ -350,7 +350,7 @@ def _scenario_names() -> list[str]:
 @pytest.mark.parametrize("name", _scenario_names())
 def test_a_second_of_pseudo_random_control_raises_no_warning(name: str) -> None:
     """As MuJoCo Menagerie's tests: whatever the motors do, MuJoCo has nothing to warn of, and the car stays on the floor."""
-    from robocar.run import simulate
+    from robocar.episode.run import simulate
 
     simulation: Simulation = simulate(name, seed=3)
     try:

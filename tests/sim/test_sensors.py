@@ -16,7 +16,7 @@ from rooms import IDENTICAL_CARS, drive, room
 from robocar.core import SE2, Drive, Hold, Observation, Scan, Twist
 from robocar.core.solids import Box
 from robocar.sim.car import FitOut
-from robocar.sim.sensors import (
+from robocar.sim.sensors.sensors import (
     AccelerometerParameters,
     Channel,
     CompassParameters,

@@ -1,0 +1,1 @@
+"""Episodes: the loop, runs and replays, their files, and the registry of parts."""

@@ -1,0 +1,1 @@
+"""Localization by landmarks that a camera sees."""

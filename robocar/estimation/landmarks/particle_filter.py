@@ -1,0 +1,284 @@
+"""Monte Carlo localization: the thesis' particle filter (section 3.5, Fig. 2.12), which also finds itself when it is lost.
+
+    move:      every particle by the odometry, with noise                       (thesis, eq. 2.43; `motion_models`)
+    weigh:     by how well what is seen fits to where the particle stands       (`sensor_models`)
+    recover:   where it fits worse than it used to, the robot may be elsewhere: some particles are drawn from what is seen
+    resample:  by weight, and scatter a little                                  (eq. 2.42; `resampling`)
+    estimate:  mean and covariance, the heading's on the circle                 (eq. 2.43; `estimates`)
+
+Recovery is augmented Monte Carlo localization (Thrun, Burgard and Fox 2005, Table 8.3, after Gutmann and Fox 2002): the
+short-term average of the likelihood against the long-term one says how many particles to draw anew. They are drawn from the
+sighting (sensor resetting: Lenser and Veloso 2000): a ball at a known distance leaves a circle, and its bearing then gives the
+heading.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from robocar.core import SE2, Array, Belief, Command, Context, Detection, Observation, Scalar, Segments, Text
+from robocar.core.trace import Drawable
+from robocar.estimation.landmarks import estimates, resampling, sensor_models
+from robocar.estimation.landmarks.area import Area
+from robocar.estimation.landmarks.estimates import Estimate
+from robocar.estimation.landmarks.guesses import Guesses
+from robocar.estimation.landmarks.senses import Senses
+from robocar.estimation.landmarks.sensor_models import Atlas, Sightings
+from robocar.estimation.odometry import motion_models
+from robocar.estimation.odometry.motion_models import MotionParameters, move
+
+MODELS = ("bearing-range", "ranges", "headings")
+_NOMINAL = 0.4  # likelihood of a sighting for a filter that knows where it is, until it has an average of its own
+_SHRINK, _LEAST_BIAS = 0.99, 0.01  # of the biases when resampling
+_MOST_NEW = 0.9  # share of the particles that one sighting may replace
+
+
+@dataclass(frozen=True, slots=True)
+class FilterParameters:
+    """Names are Nav2's (AMCL) where it has one.
+
+    Args:
+        min_particles, max_particles: how many, between them as `pf_err` and `pf_z` ask for (KLD sampling); equal: always so many.
+        pf_err, pf_z: bound on the Kullback-Leibler distance, and quantile of the normal distribution it is kept with.
+        model: `bearing-range`, or the thesis' `ranges` (its simulation) and `headings` (its robot).
+        bearing_std, range_std: added in squares to what a detection says of itself [rad], [share of the range]: errors of
+            pictures in a row are alike, so they count less than their number.
+        outlier: likelihood of a sighting that is none of the landmark's, against 1 for a perfect one.
+        resample: `systematic`, `wheel` or `residual`; done where N_eff is below `resample_below` times the number of particles.
+        scatter_xy, scatter_theta: after resampling [m], [rad] (thesis, eq. 2.42).
+        recovery_alpha_slow, recovery_alpha_fast: rates of the averages per sighting, 0 for no recovery; recovery_ratio:
+            particles are drawn anew where the fast average times this is below the slow one (Gutmann and Fox 2002).
+        estimate: `group` for the largest group of particles, `mean` for all.
+        group_radius, group_angle: how far a group reaches [m], [rad].
+        initial_std_xy, initial_std_theta: of the start, if it is known [m], [rad].
+    """
+
+    min_particles: int = 2000
+    max_particles: int = 5000
+    pf_err: float = 0.05
+    pf_z: float = 2.33
+    model: str = "bearing-range"
+    bearing_std: float = 0.02
+    range_std: float = 0.025
+    outlier: float = 0.05
+    resample: str = "systematic"
+    resample_below: float = 0.5
+    scatter_xy: float = 0.012
+    scatter_theta: float = 0.009
+    recovery_alpha_slow: float = 0.01
+    recovery_alpha_fast: float = 0.2
+    recovery_ratio: float = 3.0
+    estimate: str = "group"
+    group_radius: float = 0.4
+    group_angle: float = 0.5
+    initial_std_xy: float = 0.02
+    initial_std_theta: float = 0.03
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.min_particles <= self.max_particles:
+            given = f"{self.min_particles} and {self.max_particles}"
+            raise ValueError(f"the numbers of particles must be 1 <= min_particles <= max_particles, not {given}")
+        for name, valid in (("model", MODELS), ("resample", tuple(resampling.SCHEMES)), ("estimate", ("group", "mean"))):
+            if getattr(self, name) not in valid:
+                raise ValueError(f"{name} is one of {', '.join(valid)}, not {getattr(self, name)!r}")
+        for name in ("pf_err", "pf_z", "group_radius", "group_angle", "recovery_ratio"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
+                raise ValueError(f"{name} must be a finite number above 0, not {getattr(self, name)}")
+        for name in ("bearing_std", "range_std", "scatter_xy", "scatter_theta", "initial_std_xy", "initial_std_theta"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
+                raise ValueError(f"{name} must be a finite number from 0 on, not {getattr(self, name)}")
+        for name in ("outlier", "resample_below", "recovery_alpha_slow", "recovery_alpha_fast"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} must lie between 0 and 1, not {getattr(self, name)}")
+
+
+class ParticleFilter:
+    """Particles (n, 3) with weights (n,), sum 1, and the steps of the filter on them.
+
+    Each also has its opinion on the biases of the odometry, (n, 2), see `motion_models`.
+
+    Args:
+        atlas: the landmarks by name.
+        area: where particles are drawn anew.
+        start: the robot's pose, or None: anywhere in the area.
+    """
+
+    def __init__(
+        self,
+        parameters: FilterParameters,
+        motion: MotionParameters,
+        atlas: Atlas,
+        area: Area,
+        start: SE2 | None,
+        rng: np.random.Generator,
+    ) -> None:
+        self.parameters, self._motion, self._atlas, self._rng = parameters, motion, atlas, rng
+        self._guesses = Guesses(atlas, area, parameters.bearing_std, parameters.range_std)
+        self._odometry = SE2()
+        n = parameters.max_particles
+        if start is None:
+            self.particles = self._guesses.anywhere(n, rng)
+        else:
+            std = (parameters.initial_std_xy, parameters.initial_std_xy, parameters.initial_std_theta)
+            self.particles = start.as_array() + rng.standard_normal((n, 3)) * std
+        self.weights = np.full(n, 1.0 / n)
+        self.biases = rng.standard_normal((n, 2))
+        # One that does not know where it is is as one that was carried off just now.
+        self._slow, self._fast = _NOMINAL, 0.0 if start is None else _NOMINAL
+
+    def predict(self, step: SE2, velocity: bool = False) -> None:
+        """Moves all particles by a step of the odometry, robot_from_next_robot, by the velocity model or the odometry model."""
+        self._odometry = self._odometry @ step
+        move(self.particles, self.biases, step, velocity, self._motion, self._rng)
+
+    def weigh(self, detections: Sequence[Detection]) -> bool:
+        """Weighs the particles by what is seen; False where no particle explains it at all: the weights are equal then."""
+        p = self.parameters
+        self._guesses.see(self._odometry, detections)
+        if p.model == "headings":
+            likelihoods = sensor_models.headings(self.particles, [(d.landmark, d.bearing) for d in detections], p.outlier)
+            count = len(detections)
+        else:
+            seen = self._atlas.sightings(detections, p.bearing_std, p.range_std)
+            likelihoods, count = self._likelihoods(seen), len(seen)
+        if count == 0:
+            return True
+        mean = sensor_models.reweigh(self.weights, likelihoods)
+        average = mean ** (1.0 / count)  # per sighting, so that many in one picture are not taken for a bad one
+        self._slow += (1.0 - (1.0 - p.recovery_alpha_slow) ** count) * (average - self._slow)
+        self._fast += (1.0 - (1.0 - p.recovery_alpha_fast) ** count) * (average - self._fast)
+        return mean > 0.0
+
+    def _likelihoods(self, seen: Sightings) -> Array:
+        model = sensor_models.ranges if self.parameters.model == "ranges" else sensor_models.bearing_range
+        return model(self.particles, seen, self.parameters.outlier)
+
+    @property
+    def lost_share(self) -> float:
+        """Share of the particles that should be drawn anew: max(0, 1 - ratio fast / slow) (Gutmann and Fox 2002)."""
+        if self.parameters.recovery_alpha_fast == 0.0 or self._slow <= 0.0:
+            return 0.0
+        return min(_MOST_NEW, max(0.0, 1.0 - self.parameters.recovery_ratio * self._fast / self._slow))
+
+    @property
+    def effective_size(self) -> float:
+        """N_eff"""
+        return resampling.effective_size(self.weights)
+
+    def resample(self, detections: Sequence[Detection] = ()) -> int:
+        """New particles in place of light ones, where it is time; some drawn from `detections`, where the robot seems to be lost.
+
+        Returns:
+            How many were drawn anew.
+        """
+        p, rng = self.parameters, self._rng
+        share = self.lost_share if detections else 0.0
+        if share == 0.0 and self.effective_size >= p.resample_below * len(self.weights):
+            return 0
+        choose = resampling.SCHEMES[p.resample]
+        count = p.max_particles
+        if p.min_particles < p.max_particles and share == 0.0:
+            bins = resampling.occupied_bins(self.particles, choose(self.weights, count, rng), 0.1, math.radians(10.0))
+            count = min(max(math.ceil(resampling.kld_size(bins, p.pf_err, p.pf_z)), p.min_particles), p.max_particles)
+        fresh = round(share * count)
+        chosen = choose(self.weights, count - fresh, rng)
+        kept = resampling.scattered(
+            self.particles, self.weights, chosen, p.scatter_xy, p.scatter_theta, motion_models.bounded(rng, (len(chosen), 3))
+        )
+        self.particles = np.concatenate([kept, self._fresh(fresh, detections)]) if fresh else kept
+        if fresh:  # who is lost still knows how the robot drives
+            chosen = np.concatenate([chosen, chosen[rng.integers(len(chosen), size=fresh)]])
+        self.biases = resampling.shrunk(self.biases, chosen, _SHRINK, _LEAST_BIAS, motion_models.bounded(rng, (count, 2)))
+        self.weights = np.full(count, 1.0 / count)
+        return fresh
+
+    def _fresh(self, count: int, detections: Sequence[Detection]) -> Array:
+        """Poses (count, 3) that what is seen suggests; anywhere, for headings alone."""
+        if self.parameters.model == "bearing-range":
+            return self._guesses.draw(count, self._odometry, detections, self._rng)
+        if self.parameters.model == "ranges":
+            return self._guesses.by_ranges(count, detections, self._rng)
+        return self._guesses.anywhere(count, self._rng)
+
+    def estimate(self) -> Estimate:
+        """Pose and covariance."""
+        p = self.parameters
+        if p.estimate == "mean":
+            return estimates.mean_of_all(self.particles, self.weights)
+        return estimates.largest_group(self.particles, self.weights, p.group_radius, p.group_angle)
+
+
+class ParticleFilterEstimator:
+    """`particle-filter`"""
+
+    def __init__(self, context: Context) -> None:
+        self._parameters = context.parameters_of(FilterParameters)
+        self._motion = context.parameters_of(MotionParameters)
+        self._senses = Senses(context, "particle-filter")
+        self._atlas = Atlas(context.landmarks)
+        self._area = Area(context.prior, context.landmarks)
+        self._start = context.start
+        self._compile()
+        self.reset(context.rng)
+
+    def reset(self, rng: np.random.Generator) -> None:
+        self._senses.reset()
+        self.filter = ParticleFilter(self._parameters, self._motion, self._atlas, self._area, self._start, rng)
+        self._lost = self._start is None
+
+    def update(self, observation: Observation, command: Command) -> Belief:
+        sensed = self._senses.update(observation, command)
+        self.filter.predict(sensed.step, self._motion.by_velocity(sensed.commanded))
+        trace: dict[str, Drawable] = {**sensed.trace}
+        if sensed.detections:
+            if not self.filter.weigh(sensed.detections):
+                trace["localization/state"] = Text("no particle explains what is seen; all weights are set equal", "WARN")
+            trace["localization/n_eff"] = Scalar(self.filter.effective_size)
+            self._say_whether_lost(trace)
+            self.filter.resample(sensed.detections)
+            trace["localization/particles"] = Scalar(len(self.filter.weights))
+        estimate = self.filter.estimate()
+        if sensed.detections:
+            trace["sightings"] = sight_lines(estimate.pose, sensed.detections)
+        weighted = np.concatenate([self.filter.particles, self.filter.weights[:, None]], axis=1)
+        return Belief(estimate.pose, estimate.covariance, sensed.twist, weighted, trace)
+
+    def _say_whether_lost(self, trace: dict[str, Drawable]) -> None:
+        share = self.filter.lost_share
+        trace["localization/lost"] = Scalar(share)
+        if (share > 0.3) != self._lost and "localization/state" not in trace:
+            self._lost = share > 0.3
+            if self._lost:
+                message = Text("what is seen does not fit: looking for the car everywhere", "WARN")
+            else:
+                message = Text("what is seen fits again")
+            trace["localization/state"] = message
+
+    def _compile(self) -> None:
+        """Runs every compiled step once, so that the loop never waits for it."""
+        rng = np.random.default_rng(0)
+        detection = Detection(0.0, next(iter(self._atlas)), 0.0, 1.0, np.eye(2))
+        for step, velocity in ((SE2(0.1, 0.0, 0.1), True), (SE2(0.1, 0.0, 0.1), False)):
+            trial = ParticleFilter(self._parameters, self._motion, self._atlas, self._area, None, rng)
+            trial.predict(step, velocity)
+            trial.weigh([detection])
+            trial.resample([detection])
+            trial.estimate()
+        for scheme in resampling.SCHEMES.values():
+            scheme(trial.weights, 2, rng)
+        resampling.occupied_bins(trial.particles, np.arange(2), 0.1, 0.1)
+
+
+def sight_lines(pose: SE2, detections: Sequence[Detection]) -> Segments:
+    """Rays from the estimated pose to where the landmarks are seen, for the recording."""
+    ends = [pose.apply(d.range * math.cos(d.bearing), d.range * math.sin(d.bearing)) for d in detections]
+    return Segments(np.array([[(pose.x, pose.y), end] for end in ends]), color=(255, 200, 60))
+
+
+def build(context: Context) -> ParticleFilterEstimator:
+    """`particle-filter`"""
+    return ParticleFilterEstimator(context)

@@ -1,0 +1,1 @@
+"""Occupancy grid maps from sonars and lasers."""

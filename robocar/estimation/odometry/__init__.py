@@ -1,0 +1,1 @@
+"""Dead reckoning and motion models."""

@@ -1,0 +1,1 @@
+"""What experiments write and the terminal shows."""

@@ -1,0 +1,1 @@
+"""Scenario files: their models and validation, and the scene that they describe."""

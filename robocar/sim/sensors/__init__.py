@@ -1,0 +1,1 @@
+"""The sensors of a robot: one file each."""
