@@ -92,7 +92,7 @@ def main(repeats: int = 7) -> None:
     times = []
     for _ in range(repeats):
         started = time.perf_counter()
-        subprocess.run([sys.executable, "-m", "robocar.cli.main", "--help"], check=True, capture_output=True)
+        subprocess.run([sys.executable, "-m", "robocar", "--help"], check=True, capture_output=True)
         times.append(time.perf_counter() - started)
     print(f"robocar --help: {statistics.median(times):.2f} s")
 

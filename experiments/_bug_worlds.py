@@ -13,11 +13,11 @@ from matplotlib.axes import Axes
 from matplotlib.transforms import Affine2D
 
 from robocar.core import OCCUPIED, Array, OccupancyGrid
-from robocar.episode.run import RunResult
+from robocar.episode.result import RunResult
 from robocar.formats import save_ros_map
 from robocar.planners.bugs.view import Parameters
 from robocar.planners.tracking.open_points import VirtualCircle
-from robocar.scenario.model import load_scenario
+from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 

@@ -33,7 +33,7 @@ from robocar.episode.registry import build
 from robocar.episode.run import simulate
 from robocar.estimation.landmarks.balls import BallDetector
 from robocar.estimation.mapping.no_mapper import NoMapper
-from robocar.scenario.model import load_scenario
+from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 

@@ -23,12 +23,13 @@ from matplotlib.patches import Circle
 from scipy.stats import spearmanr
 
 from robocar.episode.registry import names
-from robocar.episode.run import RunResult
+from robocar.episode.result import RunResult
 from robocar.formats import load_barn_cylinders, load_barn_index, load_barn_paths, save_barn_world
 from robocar.formats.barn import GOAL, START, BarnReference, BarnWorld
 from robocar.formats.barn_difficulty import Difficulty, difficulty
 from robocar.formats.barn_generator import PARAMETER_SETS, generate_barn_world
-from robocar.reporting.report import Report, run_many
+from robocar.reporting.report import Report
+from robocar.reporting.run_many import run_many
 
 NAVIGATORS = (
     "a-star", "theta-star", "d-star-lite", "rrt-dwa", "a-star-dwa", "theta-star-dwa", "a-star-mppi", "safe-direction",

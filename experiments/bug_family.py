@@ -17,10 +17,11 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from robocar.episode.run import RunResult
+from robocar.episode.result import RunResult
 from robocar.experiments._bug_worlds import BUGS, ROBOT, draw, scene_of, turns, worlds
 from robocar.metrics.run import shortest_path_length
-from robocar.reporting.report import Report, run_many
+from robocar.reporting.report import Report
+from robocar.reporting.run_many import run_many
 from robocar.sim.car import footprint
 
 SEEDS = 10

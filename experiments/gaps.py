@@ -15,9 +15,10 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from robocar.episode.run import RunResult
+from robocar.episode.result import RunResult
 from robocar.experiments._bug_worlds import CIRCLE, ROBOT, grid, room
-from robocar.reporting.report import Report, run_many
+from robocar.reporting.report import Report
+from robocar.reporting.run_many import run_many
 
 SEEDS = 4
 WALL = 3.0  # [m] where it stands

@@ -21,14 +21,15 @@ from matplotlib.transforms import Affine2D
 
 from robocar.core import OCCUPIED, SE2, Array, Costmap, OccupancyGrid
 from robocar.core.distance import ClearanceField
-from robocar.episode.run import RunResult
+from robocar.episode.result import RunResult
 from robocar.planners.costmap.layered import Parameters, inflate
 from robocar.planners.harmonic.laplace import laplace_problem, solve
 from robocar.planners.harmonic.planner import Harmonic
 from robocar.planners.harmonic.streamline import streamline
 from robocar.planners.search.a_star import AStar
-from robocar.reporting.report import Report, run_many
-from robocar.scenario.model import load_scenario, scenario_names
+from robocar.reporting.report import Report
+from robocar.reporting.run_many import run_many
+from robocar.scenario.load import load_scenario, scenario_names
 from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 

@@ -16,9 +16,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from robocar.core import Array, OccupancyGrid
-from robocar.episode.run import RunResult
+from robocar.episode.result import RunResult
 from robocar.formats import load_map
-from robocar.reporting.report import Report, run_many
+from robocar.reporting.report import Report
+from robocar.reporting.run_many import run_many
 
 FIELD_POSES = ("truth", "odometry", "odometry-compass", "particle-filter")
 SENSING: dict[str, tuple[str, dict[str, object]]] = {

@@ -18,10 +18,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from robocar.core import Array
-from robocar.episode.run import RunResult
+from robocar.episode.result import RunResult
 from robocar.experiments._bug_worlds import ROBOT, grid, room
 from robocar.planners.bugs.view import Parameters
-from robocar.reporting.report import Report, run_many
+from robocar.reporting.report import Report
+from robocar.reporting.run_many import run_many
 
 CROWDS = (1, 2, 4, 6, 8)
 CROWD_SPEEDS = (0.1, 0.2, 0.3, 0.4)  # [m/s]

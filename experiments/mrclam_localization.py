@@ -18,7 +18,7 @@ import numpy as np
 
 from robocar.core import LogFormatError
 from robocar.episode.replay import replay
-from robocar.episode.run import RunResult
+from robocar.episode.result import RunResult
 from robocar.reporting.report import Report
 
 TARGET = 0.22  # [m]; a plain Kalman filter gets 0.21 to 0.24

@@ -33,7 +33,8 @@ from robocar.estimation.odometry.odometry import WheelOdometry
 from robocar.paths import MODELS
 from robocar.reporting.report import Report
 from robocar.sim.car import FitOut, geometric_track
-from robocar.sim.sensors.sensors import CameraParameters, SensorParameters
+from robocar.sim.sensors.camera import CameraParameters
+from robocar.sim.sensors.parameters import SensorParameters
 from robocar.sim.simulation import Simulation
 from robocar.sim.world import build_world
 

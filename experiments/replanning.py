@@ -22,13 +22,14 @@ from matplotlib.transforms import Affine2D
 
 from robocar.core import LETHAL, Array, Costmap, OccupancyGrid
 from robocar.core.distance import obstacle_distance
-from robocar.episode.run import RunResult
+from robocar.episode.result import RunResult
 from robocar.formats import save_ros_map
 from robocar.formats.generated import cave, maze, rooms
 from robocar.planners.search.a_star import AStar
 from robocar.recording import read_signal
-from robocar.reporting.report import Report, run_many
-from robocar.scenario.model import load_scenario
+from robocar.reporting.report import Report
+from robocar.reporting.run_many import run_many
+from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 

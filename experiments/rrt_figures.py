@@ -24,13 +24,14 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
 from robocar.core import Array, NoPathFound
-from robocar.episode.run import RunResult
+from robocar.episode.result import RunResult
 from robocar.paths import MODELS
 from robocar.planners.costmap.layered import inflate
 from robocar.planners.sampling.random_trees import Growth
 from robocar.planners.sampling.rrt import Parameters, costmap_world, path_cost, search
-from robocar.reporting.report import Report, run_many
-from robocar.scenario.model import load_scenario
+from robocar.reporting.report import Report
+from robocar.reporting.run_many import run_many
+from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 

@@ -15,9 +15,10 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from robocar.episode.run import RunResult
+from robocar.episode.result import RunResult
 from robocar.experiments._safe_direction_worlds import Box, Drawn
-from robocar.reporting.report import Report, run_many
+from robocar.reporting.report import Report
+from robocar.reporting.run_many import run_many
 
 MOVERS = (2, 4, 6)
 FASTEST = 0.3  # [m/s]

@@ -23,12 +23,13 @@ from scipy.stats import spearmanr
 from robocar.core import SE2, Array, Footprint, Robot, Scan
 from robocar.core.rays import cast_rays
 from robocar.core.robot import Calibration, Limits
-from robocar.episode.run import RunResult
+from robocar.episode.result import RunResult
 from robocar.experiments._safe_direction_worlds import FIGURES, Drawn, culdesac, middle_error, outline_clearance, path_clearance
 from robocar.planners.safe_direction.method import Directions, Parameters
 from robocar.planners.safe_direction.view import Panorama, Sector
 from robocar.planners.search.transforms import descend, distance_transform, obstacle_transform
-from robocar.reporting.report import Report, run_many
+from robocar.reporting.report import Report
+from robocar.reporting.run_many import run_many
 from robocar.sim.car import footprint
 
 ALPHAS = (0.0, 0.2, 0.4, 0.6, 0.8)

@@ -15,12 +15,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from robocar.core import Array, OccupancyGrid
-from robocar.episode.run import RunResult
+from robocar.episode.result import RunResult
 from robocar.formats import load_map
 from robocar.formats.thesis_picture import save_thesis_picture
 from robocar.metrics.map import enclosed, on_common_cells
-from robocar.reporting.report import Report, run_many
-from robocar.scenario.model import load_scenario
+from robocar.reporting.report import Report
+from robocar.reporting.run_many import run_many
+from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 

@@ -18,10 +18,11 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from robocar.core import SE2, Array
-from robocar.episode.run import RunResult
+from robocar.episode.result import RunResult
 from robocar.planners.search.dynamic_a_star import Lattice
-from robocar.reporting.report import Report, run_many
-from robocar.scenario.model import load_scenario
+from robocar.reporting.report import Report
+from robocar.reporting.run_many import run_many
+from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 

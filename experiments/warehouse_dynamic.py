@@ -18,9 +18,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from robocar.core import ScenarioError
-from robocar.episode.run import RunResult
-from robocar.reporting.report import Report, run_many
-from robocar.scenario.model import MoverModel, load_scenario
+from robocar.episode.result import RunResult
+from robocar.reporting.report import Report
+from robocar.reporting.run_many import run_many
+from robocar.scenario.load import load_scenario
+from robocar.scenario.model import MoverModel
 from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 from robocar.sim.movers import Mover

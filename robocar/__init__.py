@@ -8,7 +8,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from robocar.episode.run import RunResult, run, simulate
+    from robocar.episode.result import RunResult
+    from robocar.episode.run import run, simulate
 
 __version__ = "0.1.0"
 __all__ = ["RunResult", "__version__", "run", "simulate"]
@@ -17,7 +18,4 @@ __all__ = ["RunResult", "__version__", "run", "simulate"]
 def __getattr__(name: str) -> Any:
     if name not in ("RunResult", "run", "simulate"):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    # The module `robocar.run` becomes an attribute of the package when imported; the function of that name takes its place.
-    module = import_module("robocar.episode.run")
-    globals().update(run=module.run, simulate=module.simulate, RunResult=module.RunResult)
-    return globals()[name]
+    return getattr(import_module("robocar.episode.run"), name)

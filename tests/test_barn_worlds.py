@@ -14,7 +14,8 @@ from robocar.core.distance import polygon_distance
 from robocar.episode.run import simulate
 from robocar.experiments.barn import courses, score, write_course
 from robocar.formats import BarnWorld, save_barn_world
-from robocar.scenario.model import Scenario, load_scenario
+from robocar.scenario.load import load_scenario
+from robocar.scenario.model import Scenario
 from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 

@@ -23,7 +23,7 @@ from robocar.cli.main import main
 from robocar.episode.registry import names
 from robocar.formats import read_tum
 from robocar.recording import read_trajectory
-from robocar.scenario.model import scenario_names
+from robocar.scenario.load import scenario_names
 
 ROOT = Path(__file__).parents[1]
 SHORT = {"map": "maps/thesis_field.yaml", "start": [0.3, 0.3, 0], "goal": [1.2, 0.4], "time_limit": 30}
@@ -329,7 +329,7 @@ def references_of(node: Any) -> set[str]:
 
 
 def command(*words: object) -> list[str]:
-    return [sys.executable, "-m", "robocar.cli.main", *map(str, words)]
+    return [sys.executable, "-m", "robocar", *map(str, words)]
 
 
 def environment(*folders: Path) -> dict[str, str]:

@@ -14,10 +14,12 @@ import cv2
 import pytest
 from scipy.ndimage import distance_transform_edt, label
 
+from robocar.cli.experiments import experiment_names, run_experiment
 from robocar.core import OutputError, ScenarioError, UnknownNameError
 from robocar.experiments.replanning import NAVIGATORS, UNKNOWN, generated_world
-from robocar.reporting.report import Report, experiment_names, run_experiment, run_many
-from robocar.scenario.model import load_scenario
+from robocar.reporting.report import Report
+from robocar.reporting.run_many import run_many
+from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 

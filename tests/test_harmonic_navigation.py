@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from robocar.cli.experiments import run_experiment
 from robocar.core import OCCUPIED, SE2, OccupancyGrid
 from robocar.episode.run import run
 from robocar.experiments.harmonic_navigation import NAVIGATORS, on_finer_cells, path_clearance
 from robocar.planners.costmap.layered import Parameters, inflate
 from robocar.planners.harmonic.planner import Harmonic
 from robocar.planners.search.a_star import AStar
-from robocar.reporting.report import run_experiment
-from robocar.scenario.model import load_scenario, scenario_names
+from robocar.scenario.load import load_scenario, scenario_names
 from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 

@@ -13,10 +13,10 @@ import robocar
 from robocar.core import SE2, OccupancyGrid, ParameterError
 from robocar.episode.map_watch import decided
 from robocar.episode.replay import replay
-from robocar.episode.run import RunResult
+from robocar.episode.result import RunResult
 from robocar.formats import load_map
 from robocar.metrics.map import on_common_cells
-from robocar.scenario.model import load_scenario
+from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 

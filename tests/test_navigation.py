@@ -31,7 +31,9 @@ from robocar.core import (
     Twist,
 )
 from robocar.core.truth import GroundTruth
-from robocar.episode.loop import Episode, Rules, checked, checked_belief, navigate
+from robocar.episode.checked import checked, checked_belief
+from robocar.episode.judge import Episode, Rules
+from robocar.episode.loop import navigate
 from robocar.recording import NullRecorder
 
 DT = 0.1

@@ -21,7 +21,7 @@ from packaging.utils import canonicalize_name
 
 from robocar.episode.run import run
 from robocar.formats import load_map
-from robocar.scenario.model import load_scenario, scenario_names
+from robocar.scenario.load import load_scenario, scenario_names
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("robocar", "planners", "experiments")

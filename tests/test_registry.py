@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from robocar.core import SE2, Context, Estimator, Landmark, Mapper, Navigator, OccupancyGrid, ParameterError, UnknownNameError
-from robocar.episode.registry import Kind, build, did_you_mean, find, names, parameters
+from robocar.core.suggestions import did_you_mean
+from robocar.episode.registry import Kind, build, find, names, parameters
 from robocar.episode.run import simulate
 from robocar.sim.car import FitOut, describe
-from robocar.sim.sensors.sensors import SensorParameters
+from robocar.sim.sensors.parameters import SensorParameters
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
 WORLD = {"map": "maps/thesis_field.yaml", "start": [0.3, 0.3, 0]}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from robocar.experiments.rrt_figures import WORLDS, smoothness, world
-from robocar.scenario.model import load_scenario
+from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 

@@ -32,12 +32,13 @@ from robocar.core import (
     Twist,
     UnknownNameError,
 )
-from robocar.episode.loop import Episode, Rules
-from robocar.episode.run import RunResult, run, simulate
+from robocar.episode.judge import Episode, Rules
+from robocar.episode.result import RunResult
+from robocar.episode.run import run, simulate
 from robocar.formats import load_map, read_tum
 from robocar.recording import read_observations, read_signal, read_trajectory
-from robocar.reporting.report import run_many
-from robocar.scenario.model import load_scenario
+from robocar.reporting.run_many import run_many
+from robocar.scenario.load import load_scenario
 
 SHORT: dict[str, Any] = {
     "name": "short",
@@ -482,10 +483,13 @@ def test_simulate_has_no_parts() -> None:
         simulate(SHORT, settings={"navigator.speed": 1.0})
 
 
-def test_the_function_run_is_found_beside_the_module_run() -> None:
-    """`robocar.run` names both; the API is the function, in whatever order they are imported."""
+def test_the_function_run_stays_the_function() -> None:
+    """`robocar.run` is the API's function, whatever else is imported before or after it."""
     call = "\ntry: robocar.run('none')\nexcept robocar.core.ScenarioError: pass\nelse: raise AssertionError"
-    for order in ("import robocar.run, robocar", "import robocar; robocar.run; robocar.RunResult; import robocar.run"):
+    for order in (
+        "import robocar.episode.run, robocar",
+        "import robocar; robocar.run; robocar.RunResult; import robocar.episode.run",
+    ):
         subprocess.run([sys.executable, "-c", f"{order}; import robocar.core{call}"], check=True)
 
 

@@ -10,13 +10,13 @@ import pytest
 from rerun.chunk import RrdReader
 from test_experiments import written
 
+from robocar.cli.experiments import run_experiment
 from robocar.core.distance import ClearanceField
 from robocar.episode.run import run
 from robocar.experiments._safe_direction_worlds import FIGURES, culdesac, middle_error
 from robocar.experiments.safe_direction_dynamic import CROSSINGS, FASTEST, world
 from robocar.experiments.safe_direction_figures import BEST, histogram, transform_path
-from robocar.reporting.report import run_experiment
-from robocar.scenario.model import load_scenario
+from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 

@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 
 from robocar.core import GoalOccupied, MapFormatError, OutsideMap, RobocarError, ScenarioError, StartOccupied
 from robocar.paths import MODELS
-from robocar.scenario.model import Scenario, load_scenario
+from robocar.scenario.load import load_scenario
+from robocar.scenario.model import Scenario
 from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 

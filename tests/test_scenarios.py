@@ -21,7 +21,7 @@ from robocar.core.solids import Box
 from robocar.episode.registry import find
 from robocar.formats import load_map, save_ros_map
 from robocar.paths import MODELS
-from robocar.scenario.model import load_scenario, scenario_names
+from robocar.scenario.load import load_scenario, scenario_names
 from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 

@@ -12,7 +12,7 @@ from robocar.core import STOP, ScenarioError
 from robocar.episode.run import simulate
 from robocar.experiments import warehouse_dynamic
 from robocar.experiments.warehouse_dynamic import COUNTS, KEEP_OFF, dynamic_scenario
-from robocar.scenario.model import load_scenario
+from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 

@@ -6,15 +6,15 @@ Adding one means writing its file and adding its line here. Packages of others r
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import importlib.metadata
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from types import ModuleType
 from typing import Any, Literal
 
 from robocar.core import Context, ParameterError, RobocarError, UnknownNameError
+from robocar.core.suggestions import did_you_mean
 
 Kind = Literal["navigator", "estimator", "mapper"]
 
@@ -270,12 +270,6 @@ def find(kind: Kind, name: str) -> Entry:
         _load(name, f"{kind} {name!r}")
         return Entry(name, _BY_PATH)
     raise UnknownNameError(f"unknown {kind} {name!r}{did_you_mean(name, table)}; known: {', '.join(sorted(table))}")
-
-
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """` (did you mean ...?)` for the nearest known name, or nothing."""
-    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
-    return f" (did you mean {near[0]!r}?)" if near else ""
 
 
 def build(kind: Kind, name: str, context: Context) -> Any:

@@ -38,7 +38,8 @@ from robocar.core.randomness import stream
 from robocar.core.truth import GroundTruth
 from robocar.episode.map_watch import decided, map_metrics
 from robocar.episode.registry import build, find
-from robocar.episode.run import RunResult, simulate
+from robocar.episode.result import RunResult
+from robocar.episode.run import simulate
 from robocar.episode.run_directory import RunDirectory
 from robocar.estimation.odometry.odometry import OdometryEstimator
 from robocar.formats import Trajectory, save_ros_map, write_tum
@@ -47,8 +48,9 @@ from robocar.formats.log import Log
 from robocar.metrics.localization import summarize_localization
 from robocar.metrics.run import RunLog, summarize
 from robocar.recording import NullRecorder, Recorder, Scenery
-from robocar.scenario.model import Scenario, split_overrides
+from robocar.scenario.model import Scenario
 from robocar.scenario.scene import Scene
+from robocar.scenario.settings import split_overrides
 from robocar.sim import car
 
 _CONTROL_PERIOD = 0.1  # [s] of logs, which do not say

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import json
-import sys
 import time as wall
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -17,10 +14,12 @@ import numpy as np
 from robocar.core import SE2, Array, Context, Goal, Mapper, ScenarioError, frozen_array
 from robocar.core.randomness import stream
 from robocar.core.solids import Box, Cylinder, Solid
-from robocar.episode.fingerprint import fingerprint, versions
-from robocar.episode.loop import Episode, Progress, Rules, navigate
+from robocar.episode.judge import Episode, Rules
+from robocar.episode.loop import navigate
 from robocar.episode.map_watch import MapWatch, decided, explores, map_metrics
+from robocar.episode.progress import RunProgress
 from robocar.episode.registry import build, find
+from robocar.episode.result import RunResult
 from robocar.episode.run_directory import RunDirectory
 from robocar.estimation.mapping.no_mapper import NoMapper
 from robocar.estimation.odometry.odometry import OdometryEstimator
@@ -29,76 +28,17 @@ from robocar.metrics.localization import summarize_localization
 from robocar.metrics.movers import Shape, Track, summarize_movers
 from robocar.metrics.run import Metric, RunLog, summarize
 from robocar.recording import NullRecorder, Recorder, Scenery
-from robocar.scenario.model import Scenario, load_scenario, split_overrides
+from robocar.scenario.load import load_scenario
+from robocar.scenario.model import Scenario
 from robocar.scenario.scene import Scene
+from robocar.scenario.settings import split_overrides
 from robocar.sim.car import FitOut, footprint
 from robocar.sim.movers import Mover, MovingObstacle
 from robocar.sim.oracle import PoseOracle
 from robocar.sim.simulation import Simulation
 
-SCHEMA = 1
 EXPLORATION_TIME = 4.0
 """Times the scenario's time limit, which is meant for the way to its goal, an exploration may take, unless one is set for it."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RunResult:
-    """A finished run.
-
-    Args:
-        status, reason: how it ended; `success` where the goal was reached.
-        metrics: by name, see `robocar.metrics`.
-        hash: sha256 over the physics state at each control tick: equal seeds, equal hash.
-        truth, estimate, odometry: trajectories, at the same times.
-        directory: where the files are, None if none were asked for.
-        traceback: of a part that raised, else empty.
-    """
-
-    scenario: str
-    navigator: str
-    estimator: str
-    mapper: str
-    seed: int
-    status: str
-    reason: str
-    metrics: dict[str, Metric]
-    hash: str
-    truth: Trajectory
-    estimate: Trajectory
-    odometry: Trajectory
-    directory: Path | None = None
-    traceback: str = ""
-
-    @property
-    def success(self) -> bool:
-        return self.status == "success"
-
-    def value(self, metric: str) -> float | int | None:
-        """The number of one metric."""
-        return self.metrics[metric]["value"]
-
-    @property
-    def recording(self) -> Path | None:
-        """The `.rrd` file, if one was written."""
-        path = self.directory / "run.rrd" if self.directory is not None else None
-        return path if path is not None and path.is_file() else None
-
-    def summary(self) -> dict[str, Any]:
-        """The content of `metrics.json`."""
-        return {
-            "schema": SCHEMA,
-            "scenario": self.scenario,
-            "navigator": self.navigator,
-            "estimator": self.estimator,
-            "mapper": self.mapper,
-            "seed": self.seed,
-            "status": self.status,
-            "reason": self.reason,
-            "hash": self.hash,
-            "fingerprint": fingerprint(),
-            "versions": versions(),
-            "metrics": self.metrics,
-        }
 
 
 def run(
@@ -113,7 +53,7 @@ def run(
     record: bool = True,
     live: bool = False,
     force: bool = False,
-    progress: Progress | None = None,
+    progress: RunProgress | None = None,
 ) -> RunResult:
     """Run one episode.
 
@@ -158,7 +98,7 @@ def _run(
     files: RunDirectory | None,
     record: bool,
     live: bool,
-    progress: Progress | None,
+    progress: RunProgress | None,
     patient: bool,
 ) -> RunResult:
     car = simulation_of(scene, seed)
@@ -376,13 +316,3 @@ def _file(files: RunDirectory, result: RunResult, mapper: Mapper) -> RunResult:
     return RunResult(
         **{name: getattr(result, name) for name in RunResult.__dataclass_fields__ if name != "directory"}, directory=directory
     )
-
-
-class _CallableModule(ModuleType):
-    """`import robocar.run` puts this module where the function `robocar.run` of the API stands: calling either is the same."""
-
-    def __call__(self, *args: Any, **keywords: Any) -> RunResult:
-        return run(*args, **keywords)
-
-
-sys.modules[__name__].__class__ = _CallableModule

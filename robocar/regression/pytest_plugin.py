@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import pytest
 
 if TYPE_CHECKING:
-    from robocar.episode.run import RunResult
+    from robocar.episode.result import RunResult
     from robocar.regression.results import Row
 
 UPDATE, RECORDINGS, BASELINES = "--robocar-update", "--robocar-recordings", "robocar_baselines"
@@ -156,7 +156,8 @@ class _Runs:
 
     def run(self, scenario: Any, names: Mapping[str, str | None], seed: int, settings: Mapping[str, Any]) -> RunResult:
         from robocar.episode.run import run
-        from robocar.scenario.model import load_scenario, split_overrides
+        from robocar.scenario.load import load_scenario
+        from robocar.scenario.settings import split_overrides
 
         loaded = load_scenario(scenario, split_overrides(settings)[0])
         key = json.dumps(

@@ -11,11 +11,14 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from robocar.core import RobocarError, ScenarioError, UnknownNameError
-from robocar.episode.registry import Kind, did_you_mean, find, names, parameters
+from robocar.core.suggestions import did_you_mean
+from robocar.episode.registry import Kind, find, names, parameters
 from robocar.episode.run_directory import run_name
 from robocar.paths import MODELS
 from robocar.regression.judgement import TOLERANCES, Tolerance, tolerances
-from robocar.scenario.model import COMPONENTS, Scenario, find_scenario, load_scenario, split_overrides
+from robocar.scenario.load import find_scenario, load_scenario
+from robocar.scenario.model import Scenario
+from robocar.scenario.settings import COMPONENTS, split_overrides
 from robocar.scenario.validation import read_mapping, validated
 
 MOST_SEEDS = 10_000

@@ -17,13 +17,14 @@ from typing import Any, Protocol
 import yaml
 
 from robocar.core import OutputError, ScenarioError
-from robocar.episode.run import SCHEMA
+from robocar.episode.result import SCHEMA
 from robocar.formats.files import write_atomically
 from robocar.regression import results
 from robocar.regression.pool import Workers, usable_cores, workers
 from robocar.regression.suite import Case, Suite
 from robocar.regression.worker import LOGS, ROOM, Job, Outcome, clear, room
-from robocar.scenario.model import load_scenario, split_overrides
+from robocar.scenario.load import load_scenario
+from robocar.scenario.settings import split_overrides
 
 TRIES = 2
 """How often a run is begun whose worker dies, hangs or raises."""

@@ -2,44 +2,16 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import json
-import multiprocessing
-import os
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robocar.core import OutputError, UnknownNameError
-from robocar.episode.registry import did_you_mean
-from robocar.reporting.terminal import sweep_bar
+from robocar.core import OutputError
 
 if TYPE_CHECKING:
-    from robocar.episode.run import RunResult
-
-
-def experiment_names() -> dict[str, Path]:
-    """Name and file of every experiment (benchmarks, which begin with `bench_`, are none)."""
-    spec = importlib.util.find_spec("robocar.experiments")
-    if spec is None or not spec.submodule_search_locations:
-        return {}
-    folder = Path(next(iter(spec.submodule_search_locations)))
-    return {f.stem: f for f in sorted(folder.glob("*.py")) if not f.stem.startswith(("_", "bench_"))}
-
-
-def run_experiment(name: str, out: Path, quick: bool) -> None:
-    """Run `experiments.<name>.main(folder, quick)`; the results go to `<out>/<name>/`.
-
-    Raises:
-        UnknownNameError: there is no such experiment.
-    """
-    known = experiment_names()
-    if name not in known:
-        raise UnknownNameError(f"unknown experiment {name!r}{did_you_mean(name, known)}; known: {', '.join(known)}")
-    importlib.import_module(f"robocar.experiments.{name}").main(Path(out) / name, quick)
+    pass
 
 
 @dataclass(slots=True)
@@ -82,25 +54,3 @@ def _cell(value: object) -> str:
     if value is None:
         return "–"
     return f"{value:.3g}" if isinstance(value, float) else str(value)
-
-
-def run_many(jobs: Sequence[Mapping[str, Any]]) -> list[RunResult]:
-    """`robocar.run(**job)` for each job, in processes of their own, one per core; results in the order of the jobs.
-
-    On a terminal, a bar shows how far it is.
-    """
-    workers = min(len(jobs), os.cpu_count() or 1)
-    results: list[RunResult] = []
-    # Fresh processes: a forked one would inherit the renderer's and the recorder's threads in an undefined state.
-    with sweep_bar() as update, ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-        for result in pool.map(_run_one, jobs):
-            results.append(result)
-            if update:
-                update(len(results), len(jobs), 0)
-    return results
-
-
-def _run_one(job: Mapping[str, Any]) -> RunResult:
-    from robocar.episode.run import run
-
-    return run(**job)

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import ast
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from robocar.core import OutputError, RobocarError
-
 if TYPE_CHECKING:
-    from robocar.episode.run import RunResult
+    from robocar.episode.result import RunResult
 
 _CONSOLE = Console(stderr=True, highlight=False, soft_wrap=True)
 
@@ -93,38 +87,3 @@ def metrics_table(result: RunResult) -> Table:
         text = "-" if value is None else f"{value:d}" if isinstance(value, int) else f"{value:.4g}"
         table.add_row(name, text, "" if unit == "1" else unit)
     return table
-
-
-def listing(what: str) -> dict[str, str]:
-    """Names and one-line summaries."""
-    from robocar.episode import registry
-    from robocar.reporting.report import experiment_names
-    from robocar.scenario.model import find_scenario, load_scenario, scenario_names
-
-    if what == "scenarios":
-        return {name: load_scenario(find_scenario(name)).description for name in scenario_names()}
-    if what == "experiments":
-        return {name: first_line(path) for name, path in experiment_names().items()}
-    if what == "suites":
-        from robocar.regression.suite import find_suite, load_suite, suite_names
-
-        return {name: load_suite(find_suite(name)).description for name in suite_names()}
-    entries = registry.names(what[:-1])  # type: ignore[arg-type]
-    return {name: entry.summary + (f" ({entry.paper})" if entry.paper else "") for name, entry in sorted(entries.items())}
-
-
-def first_line(module: Path) -> str:
-    """First line of a module's docstring, without importing it."""
-    return (ast.get_docstring(ast.parse(module.read_text(encoding="utf-8"))) or "").partition("\n")[0]
-
-
-def view(run: Path, web: bool) -> int:
-    """Open a run's recording in the Rerun viewer."""
-    recording = run / "run.rrd" if run.is_dir() else run
-    if not recording.is_file():
-        raise OutputError(f"{run}: there is no recording here")
-    command = [sys.executable, "-m", "rerun", str(recording)] + (["--web-viewer"] if web else [])
-    try:
-        return subprocess.run(command, check=False).returncode
-    except OSError as error:
-        raise RobocarError(f"cannot start the Rerun viewer: {error}") from error

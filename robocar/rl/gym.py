@@ -11,7 +11,8 @@ import numpy as np
 from gymnasium import spaces
 
 from robocar.rl.task import DrivingTask, Reward
-from robocar.scenario.model import Scenario, load_scenario, scenario_names
+from robocar.scenario.load import load_scenario, scenario_names
+from robocar.scenario.model import Scenario
 
 Array = np.ndarray[Any, Any]
 

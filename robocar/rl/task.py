@@ -19,8 +19,10 @@ from robocar.core.distance import obstacle_distance
 from robocar.core.randomness import stream
 from robocar.episode.run import simulation_of
 from robocar.estimation.odometry.odometry import OdometryEstimator
-from robocar.scenario.model import Scenario, load_scenario, split_overrides
+from robocar.scenario.load import load_scenario
+from robocar.scenario.model import Scenario
 from robocar.scenario.scene import Scene
+from robocar.scenario.settings import split_overrides
 from robocar.sim.car import footprint
 
 PSD_RANGE = 10.0

@@ -8,8 +8,8 @@ from typing import Any
 
 import yaml
 
-from robocar.core import RobocarError, ScenarioError
-from robocar.formats import check_file, file_kind, load_text_grid
+from robocar.core import ScenarioError
+from robocar.formats import file_kind, load_text_grid
 
 _SCENARIO_KEYS = {"map", "start", "goal", "defaults", "robot"}
 
@@ -17,10 +17,10 @@ _SCENARIO_KEYS = {"map", "start", "goal", "defaults", "robot"}
 def is_map(name: str) -> bool:
     """Whether a file is a map and not a scenario (a name without a file is a scenario's)."""
     path = Path(name)
-    return path.is_file() and not _is_scenario(path)
+    return path.is_file() and not is_scenario(path)
 
 
-def _is_scenario(path: Path) -> bool:
+def is_scenario(path: Path) -> bool:
     if path.suffix.lower() not in (".yaml", ".yml"):
         return False
     try:
@@ -75,32 +75,3 @@ def _numbers(text: str, what: str) -> list[float]:
     if len(values) not in (2, 3) or not all(math.isfinite(value) for value in values):
         raise ScenarioError(f"--{what} takes X,Y or X,Y,THETA in metres and radians, not {text!r}")
     return values
-
-
-def check(path: Path, resolution: float | None) -> str:
-    """One or more lines about a readable file.
-
-    Raises:
-        RobocarError: what is wrong with it, and where.
-    """
-    if not _is_scenario(path):
-        return str(check_file(path, resolution))
-    from robocar.episode.registry import find
-    from robocar.scenario.model import load_scenario
-    from robocar.scenario.scene import Scene
-    from robocar.sim.car import footprint
-
-    scenario = load_scenario(path)
-    scene = Scene.load(scenario, footprint())
-    for kind in ("navigator", "estimator", "mapper"):
-        find(kind, getattr(scenario.defaults, kind))  # type: ignore[arg-type]
-    try:
-        scene.world().compile()
-    except ValueError as error:
-        raise RobocarError(f"{path}: the world cannot be built: {error}") from error
-    width, height = scene.grid.size
-    prior = {"none": "no prior map", "truth": "the map is known"}.get(scenario.prior, f"prior map {scenario.prior}")
-    return (
-        f"{path}: scenario, {width:g} x {height:g} m, {prior}, {len(scenario.unknown_obstacles)} unknown obstacles, "
-        f"{len(scene.movers)} movers, {len(scene.landmarks)} landmarks, at most {scenario.time_limit:g} s"
-    )

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import yaml
 from pydantic import (
     BaseModel,
     BeforeValidator,
@@ -23,11 +22,9 @@ from pydantic import (
 
 from robocar.core import SE2, ScenarioError
 from robocar.core.solids import Box, Cylinder, Solid
-from robocar.episode.registry import did_you_mean
 from robocar.paths import MODELS
-from robocar.scenario.validation import read_mapping, validated
 from robocar.sim.movers import Motion, Mover
-from robocar.sim.sensors.sensors import SensorParameters
+from robocar.sim.sensors.parameters import SensorParameters
 from robocar.sim.simulation import PhysicsParameters
 
 
@@ -48,7 +45,6 @@ PointOrTriple = Annotated[
     Annotated[Point, Tag("tuple[2]")] | Annotated[PoseTriple, Tag("tuple[3]")],
     Discriminator(lambda value: "tuple[3]" if isinstance(value, list | tuple) and len(value) > 2 else "tuple[2]"),
 ]
-COMPONENTS = ("navigator", "estimator", "mapper")
 _POSITIVE = ("period", "timestep", "control_period", "max_range", "beam_width", "resolution", "width", "height")
 
 
@@ -259,88 +255,6 @@ def _refuse_senseless(parameters: Mapping[str, Any], where: str = "") -> None:
             raise ValueError(f"{path}: expected a share of the readings, 0 to 1, not {value}")
 
 
-def scenario_names() -> list[str]:
-    """Scenarios that come with Robocar."""
-    return sorted(file.stem for file in (MODELS / "scenarios").glob("*.yaml"))
-
-
-def find_scenario(name: str) -> Path:
-    """The file of a scenario given by name or path.
-
-    Raises:
-        ScenarioError: there is none; the message lists what there is.
-    """
-    if Path(name).suffix or "/" in name:
-        path = Path(name).expanduser()
-        if path.is_file():
-            return path
-        raise ScenarioError(f"{name}: no such file")
-    path = MODELS / "scenarios" / f"{name}.yaml"
-    if path.is_file():
-        return path
-    known = scenario_names()
-    raise ScenarioError(f"unknown scenario {name!r}{did_you_mean(name, known)}; known: {', '.join(known)}")
-
-
-def load_scenario(source: str | Path | Mapping[str, Any] | Scenario, overrides: Mapping[str, Any] | None = None) -> Scenario:
-    """A scenario from a name, a file, a mapping or another scenario, with dotted overrides (`{"robot.lidar": "hokuyo"}`).
-
-    Raises:
-        ScenarioError: no such file, not YAML, unknown keys or bad values; the message names each field.
-    """
-    if isinstance(source, Scenario):
-        content, where, folder = source.model_dump(), source.name, source.folder
-    elif isinstance(source, Mapping):
-        content, where, folder = dict(source), str(source.get("name", "scenario")), Path.cwd()
-    else:
-        path = find_scenario(str(source))
-        content, where, folder = read_mapping(path, "a scenario"), str(path), path.resolve().parent
-        if "folder" in content:
-            raise ScenarioError(f"{path}: unknown key 'folder'")
-        content.setdefault("name", path.stem)
-    for key, value in (overrides or {}).items():
-        _put(content, key, value)
-    return validated(Scenario, content | {"folder": folder}, where)
-
-
-def _put(content: dict[str, Any], key: str, value: Any) -> None:
-    """Sets a dotted key in nested mappings; that it exists is checked when the result is validated."""
-    *parents, last = key.split(".")
-    if "folder" in (*parents, last)[:1]:  # no key of the file
-        raise ScenarioError("unknown key 'folder'")
-    for parent in parents:
-        inner = content.get(parent)
-        content[parent] = inner = dict(inner) if isinstance(inner, Mapping) else {}
-        content = inner
-    content[last] = value
-
-
-def split_overrides(settings: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-    """`--set` pairs, apart: those of the scenario, and those of the navigator, the estimator and the mapper."""
-    scenario: dict[str, Any] = {}
-    components: dict[str, dict[str, Any]] = {kind: {} for kind in COMPONENTS}
-    for key, value in settings.items():
-        head, dot, rest = key.partition(".")
-        if dot and head in components:
-            components[head][rest] = value
-        elif key in COMPONENTS:
-            raise ScenarioError(f"--set {key}: choose it with --{key}; --set {key}.<parameter>=<value> sets its parameters")
-        else:
-            scenario[key] = value
-    return scenario, components
-
-
-def parse_setting(text: str) -> tuple[str, Any]:
-    """`path.to.parameter=value`, the value in YAML."""
-    key, equals, value = text.partition("=")
-    if not equals or not key.strip():
-        raise ScenarioError(f"--set {text!r}: expected path.to.parameter=value")
-    try:
-        return key.strip(), yaml.safe_load(value)
-    except yaml.YAMLError as error:
-        raise ScenarioError(f"--set {text!r}: the value is not YAML") from error
-
-
 def pose_of(values: tuple[float, ...]) -> SE2:
     """x, y and an optional angle."""
     return SE2(values[0], values[1], values[2] if len(values) > 2 else 0.0)
@@ -349,10 +263,3 @@ def pose_of(values: tuple[float, ...]) -> SE2:
 def goal_heading(values: tuple[float, ...] | None) -> float | None:
     """The goal's heading where one is given [rad]."""
     return math.remainder(values[2], math.tau) if values is not None and len(values) > 2 else None
-
-
-def json_schema() -> dict[str, Any]:
-    """The JSON schema of scenario files, for editors."""
-    schema = Scenario.model_json_schema()
-    schema["properties"].pop("folder", None)
-    return schema

@@ -10,7 +10,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from robocar.core import ScenarioError
-from robocar.episode.registry import did_you_mean
+from robocar.core.suggestions import did_you_mean
 
 Model = TypeVar("Model", bound=BaseModel)
 

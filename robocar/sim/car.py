@@ -13,7 +13,7 @@ import yaml
 
 from robocar.core import SE2, Calibration, Footprint, Limits, RangeSensor, Robot, ScenarioError
 from robocar.paths import MODELS
-from robocar.sim.sensors.sensors import SensorParameters
+from robocar.sim.sensors.parameters import SensorParameters
 
 PREFIX = "robocar/"
 SUPPLY = 11.1  # [V] the battery, and with it the largest channel voltage

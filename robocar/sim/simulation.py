@@ -28,9 +28,15 @@ from robocar.core import (
 from robocar.core.randomness import stream
 from robocar.core.truth import GroundTruth
 from robocar.sim import car
+from robocar.sim.base_pose import BasePose, base_pose, planar
 from robocar.sim.firmware import Firmware, FirmwareParameters
 from robocar.sim.sensors.camera import OffscreenCamera
-from robocar.sim.sensors.sensors import BasePose, Channel, Compass, Lidar, Psd, SensorParameters, Sonar, base_pose, planar
+from robocar.sim.sensors.channel import Channel
+from robocar.sim.sensors.compass import Compass
+from robocar.sim.sensors.lidar import Lidar
+from robocar.sim.sensors.parameters import SensorParameters
+from robocar.sim.sensors.psd import Psd
+from robocar.sim.sensors.sonar import Sonar
 
 World: TypeAlias = mujoco.MjSpec
 _WHEELS = ("front_left", "rear_left", "front_right", "rear_right")

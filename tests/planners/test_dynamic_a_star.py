@@ -16,7 +16,8 @@ from kinematic import DT, car, context, drive
 
 from robocar.core import OCCUPIED, SE2, Belief, GiveUp, Goal, Observation, OccupancyGrid, ParameterError, Scalar, Scan
 from robocar.core.geodesic import geodesic_distance
-from robocar.episode.run import RunResult, run
+from robocar.episode.result import RunResult
+from robocar.episode.run import run
 from robocar.planners.search.dynamic_a_star import DynamicAStar, Lattice, Parameters, build
 from robocar.planners.search.obstacle_memory import (
     _EXPLAINED,

@@ -113,7 +113,7 @@ def test_a_worker_killed_every_few_runs_loses_nothing(short: str, tmp_path: Path
 
 
 def command(suite: Path, out: Path, *more: str) -> list[str]:
-    return [sys.executable, "-m", "robocar.cli.main", "sweep", str(suite), "--out", str(out), "--jobs", "2", *more]
+    return [sys.executable, "-m", "robocar", "sweep", str(suite), "--out", str(out), "--jobs", "2", *more]
 
 
 @pytest.fixture
@@ -199,9 +199,9 @@ def test_a_full_disk_stops_with_a_message_and_leaves_what_is_complete(far: str, 
     """A disk of 2.5 MB, mounted in a namespace of its own."""
     script = f"""
 mount -t tmpfs -o size=2500k none {tmp_path}/disk || exit 77
-{sys.executable} -m robocar.cli.main sweep {tmp_path}/suite.yaml --out {tmp_path}/disk/out --jobs 1
+{sys.executable} -m robocar sweep {tmp_path}/suite.yaml --out {tmp_path}/disk/out --jobs 1
 echo status $?
-{sys.executable} -m robocar.cli.main results {tmp_path}/disk/out --json
+{sys.executable} -m robocar results {tmp_path}/disk/out --json
 """
     (tmp_path / "disk").mkdir()
     content = {"runs": [{"scenarios": [far], "navigators": ["a-star"], "seeds": "0-59"}], "record": True}

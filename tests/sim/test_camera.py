@@ -13,7 +13,8 @@ from rooms import drive, room
 from robocar.core import SE2, Array, Drive, Hold, Image, Landmark, Twist
 from robocar.paths import MODELS
 from robocar.sim.car import FitOut
-from robocar.sim.sensors.sensors import CameraParameters, SensorParameters
+from robocar.sim.sensors.camera import CameraParameters
+from robocar.sim.sensors.parameters import SensorParameters
 from robocar.sim.simulation import Simulation
 
 RADIUS = 0.08

@@ -14,7 +14,7 @@ from rooms import IDENTICAL_CARS, drive, execute, room
 
 from robocar.core import SE2, Drive, Footprint, Hold, ScenarioError, Twist
 from robocar.sim import car
-from robocar.sim.sensors.sensors import SensorParameters
+from robocar.sim.sensors.parameters import SensorParameters
 from robocar.sim.simulation import PhysicsParameters, Simulation
 
 WHEELS = ("front_left", "rear_left", "front_right", "rear_right")
@@ -336,13 +336,13 @@ def test_the_shipped_calibration_is_read(camera: bool) -> None:
 
 
 def test_there_are_scenarios() -> None:
-    from robocar.scenario.model import scenario_names
+    from robocar.scenario.load import scenario_names
 
     assert "thesis-field" in scenario_names()
 
 
 def _scenario_names() -> list[str]:
-    from robocar.scenario.model import scenario_names
+    from robocar.scenario.load import scenario_names
 
     return scenario_names()
 

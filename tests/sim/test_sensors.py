@@ -16,17 +16,14 @@ from rooms import IDENTICAL_CARS, drive, room
 from robocar.core import SE2, Drive, Hold, Observation, Scan, Twist
 from robocar.core.solids import Box
 from robocar.sim.car import FitOut
-from robocar.sim.sensors.sensors import (
-    AccelerometerParameters,
-    Channel,
-    CompassParameters,
-    EncoderParameters,
-    LidarParameters,
-    PsdParameters,
-    SensorParameters,
-    SonarParameters,
-    cone_rays,
-)
+from robocar.sim.sensors.accelerometer import AccelerometerParameters
+from robocar.sim.sensors.channel import Channel
+from robocar.sim.sensors.compass import CompassParameters
+from robocar.sim.sensors.encoder import EncoderParameters
+from robocar.sim.sensors.lidar import LidarParameters
+from robocar.sim.sensors.parameters import SensorParameters
+from robocar.sim.sensors.psd import PsdParameters
+from robocar.sim.sensors.sonar import SonarParameters, cone_rays
 from robocar.sim.simulation import Simulation
 
 EXACT = SensorParameters(

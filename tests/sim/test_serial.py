@@ -234,7 +234,7 @@ def test_the_pacer_keeps_to_the_clock_and_forgets_long_pauses() -> None:
 
 
 def test_the_command_line_prints_the_path_first_and_leaves_with_status_0() -> None:
-    command = [sys.executable, "-c", "import sys; from robocar.cli.main import main; sys.exit(main())", "serial", "thesis-field"]
+    command = [sys.executable, "-m", "robocar", "serial", "thesis-field"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout
         path = process.stdout.readline().rstrip("\n")

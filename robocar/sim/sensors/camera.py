@@ -3,11 +3,33 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
 from robocar.core import Array, Image
+
+
+@dataclass(frozen=True, slots=True)
+class CameraParameters:
+    """The camera on the pan/tilt head; its size in pixels."""
+
+    period: float = 0.1
+    delay: float = 0.0
+    width: int = 160
+    height: int = 120
+
+
+@dataclass(frozen=True, slots=True)
+class TopCameraParameters:
+    """The camera above the field; its size in pixels."""
+
+    period: float = 0.2
+    delay: float = 0.0
+    width: int = 640
+    height: int = 480
+
 
 # MuJoCo's camera frame looks along -z with y up; OpenCV's along +z with y down.
 _MUJOCO_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])

@@ -1,0 +1,5 @@
+"""`python -m robocar` is the command line."""
+
+from robocar.cli.main import main
+
+main()

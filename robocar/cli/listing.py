@@ -1,0 +1,72 @@
+"""The commands `list` and `schema`."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal
+
+import tyro
+
+from robocar.cli.output import Flag, dumps, put
+
+
+def show_list(
+    what: tyro.conf.Positional[Literal["scenarios", "navigators", "estimators", "mappers", "experiments", "suites"]],
+    /,
+    json: Flag = False,
+) -> int:
+    """List what there is.
+
+    Args:
+        what: scenarios, navigators, estimators, mappers, experiments or suites.
+        json: as one JSON object.
+    """
+    found = listing(what)
+    if json:
+        put(dumps(found))
+    else:
+        width = max((len(name) for name in found), default=0)
+        for name, summary in found.items():
+            put(f"{name:{width}}  {summary}")
+    return 0
+
+
+def listing(what: str) -> dict[str, str]:
+    """Names and one-line summaries."""
+    from robocar.cli.experiments import experiment_names
+    from robocar.episode import registry
+    from robocar.scenario.load import find_scenario, load_scenario, scenario_names
+
+    if what == "scenarios":
+        return {name: load_scenario(find_scenario(name)).description for name in scenario_names()}
+    if what == "experiments":
+        return {name: first_line(path) for name, path in experiment_names().items()}
+    if what == "suites":
+        from robocar.regression.suite import find_suite, load_suite, suite_names
+
+        return {name: load_suite(find_suite(name)).description for name in suite_names()}
+    entries = registry.names(what[:-1])  # type: ignore[arg-type]
+    return {name: entry.summary + (f" ({entry.paper})" if entry.paper else "") for name, entry in sorted(entries.items())}
+
+
+def first_line(module: Path) -> str:
+    """First line of a module's docstring, without importing it."""
+    return (ast.get_docstring(ast.parse(module.read_text(encoding="utf-8"))) or "").partition("\n")[0]
+
+
+def print_schema(kind: tyro.conf.Positional[Literal["scenario", "suite"]], /) -> int:
+    """Print the JSON schema of a kind of file, for editors.
+
+    Args:
+        kind: scenario or suite.
+    """
+    from robocar.regression.suite import SuiteModel
+    from robocar.scenario.load import json_schema
+
+    put(dumps(json_schema() if kind == "scenario" else SuiteModel.model_json_schema()))
+    return 0
+
+
+COMMANDS: dict[str, Callable[..., int]] = {"list": show_list, "schema": print_schema}

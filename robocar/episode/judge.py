@@ -1,0 +1,166 @@
+"""What ends an episode, and how: arrival, contact, time, lack of progress."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from robocar.core import (
+    SE2,
+    Belief,
+    Command,
+    Done,
+    Drive,
+    GiveUp,
+    Goal,
+    Scalar,
+    Serial,
+    Twist,
+    wrap_angle,
+)
+from robocar.core.truth import GroundTruth
+from robocar.episode.car import Car
+
+FORGETTING = 2.0  # [s] that a navigator may take to see that a mover has left the goal
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """What ends an episode.
+
+    Args:
+        time_limit: [s].
+        end_on_contact: the first contact while the car moves ends it.
+        success_radius: the car must truly be this near to the goal when it believes to be there [m].
+        movement_radius, movement_angle, movement_time: progress checker (Nav2's `required_movement_radius`,
+            `movement_time_allowance`): moving this far or turning this much within this time is progress.
+        kidnaps: (time, pose) at which the car is put somewhere else.
+    """
+
+    time_limit: float = 120.0
+    end_on_contact: bool = True
+    success_radius: float = 0.25
+    movement_radius: float = 0.10
+    movement_angle: float = 0.30
+    movement_time: float = 20.0
+    kidnaps: tuple[tuple[float, SE2], ...] = ()
+
+
+@dataclass(slots=True)
+class Tick:
+    """One row of the log."""
+
+    truth: GroundTruth
+    belief: Belief
+    odometry: SE2
+    standing: bool
+    plan_time: float
+    carried: bool  # somebody put the car here since the last tick
+
+
+@dataclass(slots=True)
+class Episode:
+    """A run in progress and, when it is over, its outcome.
+
+    `status` is one of success, collision, timeout, stuck, no_path, missed (the car believes to have arrived, and has not),
+    diverged, error, interrupted.
+    """
+
+    rules: Rules
+    goal: Goal | None
+    status: str = ""
+    reason: str = ""
+    traceback: str = ""
+    ticks: list[Tick] = field(default_factory=list)
+    replans: int = 0
+    carried: bool = False
+    _anchor: SE2 | None = None
+    _anchor_time: float = 0.0
+    _kidnapped: int = 0
+    _standing: bool = True
+    _driven: bool = False
+    _taken_by: str | None = None
+    _taken_at: float = -math.inf
+
+    @property
+    def done(self) -> bool:
+        return bool(self.status)
+
+    def end(self, status: str, reason: str) -> None:
+        if not self.done:
+            self.status, self.reason = status, reason
+
+    def judge(self, car: Car, tick: Tick, command: Command) -> None:
+        """Keeps the tick and decides whether the run is over."""
+        self.ticks.append(tick)
+        truth = tick.truth
+        if "replans" in command.trace and isinstance(scalar := command.trace["replans"], Scalar):
+            self.replans = int(scalar.value)
+        problem = car.diverged()
+        if problem is not None:
+            self.end("diverged", problem)
+        elif self.rules.end_on_contact and truth.contact and not tick.standing:
+            self.end("collision", f"contact at ({truth.pose.x:.2f}, {truth.pose.y:.2f}), {truth.time:.2f} s")
+        elif self.goal is not None and self.goal.reached(tick.belief.pose):
+            self._arrive(self.goal, truth)
+        elif isinstance(command, Done):
+            self.end("success", command.reason)
+        elif isinstance(command, GiveUp) and not self._mover_on_goal(car, truth):
+            self.end(command.status, command.reason)
+        elif truth.time >= self.rules.time_limit - 1e-9:
+            taken = f": mover {mover!r} stands on the goal" if (mover := self._mover_on_goal(car, truth)) else ""
+            self.end("timeout", f"not there after {self.rules.time_limit:g} s{taken}")
+        elif not self._progress(car, tick):
+            self.end("stuck", f"no progress for {self.rules.movement_time:g} s at ({truth.pose.x:.2f}, {truth.pose.y:.2f})")
+
+    def _mover_on_goal(self, car: Car, truth: GroundTruth) -> str | None:
+        """Which one, if any, or was until just now: whoever gives up or stands still then has to wait until the time is over."""
+        if self.goal is None or not truth.movers:
+            return None
+        mover = car.mover_at(self.goal.position)
+        if mover is not None:
+            self._taken_by, self._taken_at = mover, truth.time
+        return self._taken_by if truth.time - self._taken_at <= FORGETTING else None
+
+    def _arrive(self, goal: Goal, truth: GroundTruth) -> None:
+        distance = math.hypot(truth.pose.x - goal.position[0], truth.pose.y - goal.position[1])
+        if distance <= self.rules.success_radius:
+            self.end("success", f"reached the goal, {distance:.3f} m from it")
+        else:
+            self.end("missed", f"believes to be at the goal but is {distance:.2f} m from it")
+
+    def _progress(self, car: Car, tick: Tick) -> bool:
+        """Nav2's progress checker; turning, holding for a command in execution and waiting for the goal count as progress."""
+        rules, truth = self.rules, tick.truth
+        moved = (
+            self._anchor is None
+            or car.busy
+            or self._anchor.distance_to(truth.pose) >= rules.movement_radius
+            or abs(wrap_angle(self._anchor.theta - truth.pose.theta)) >= rules.movement_angle
+        )
+        if moved or (truth.time - self._anchor_time > rules.movement_time and self._mover_on_goal(car, truth)):
+            self._anchor, self._anchor_time = truth.pose, truth.time
+        return truth.time - self._anchor_time <= rules.movement_time
+
+    def stands(self, car: Car, command: Command, truth: GroundTruth) -> bool:
+        """Whether the car has stood still since it came to rest; `command` is the last one that was executed.
+
+        A wall that stops a car which is told to drive does not make it stand, nor does a mover that pushes a standing car make
+        it drive.
+        """
+        if isinstance(command, Drive):
+            self._driven = command.twist != Twist()
+        elif isinstance(command, Serial):
+            self._driven = False
+        at_rest = abs(truth.twist.v) < 0.005 and abs(truth.twist.omega) < 0.02  # no faster than creep
+        self._standing = not self._driven and not car.busy and (self._standing or at_rest)
+        return self._standing
+
+    def play_events(self, car: Car, time: float) -> None:
+        """What happens between two ticks, unseen by the estimators."""
+        self.carried = False
+        while self._kidnapped < len(self.rules.kidnaps) and self.rules.kidnaps[self._kidnapped][0] <= time + 1e-9:
+            car.kidnap(self.rules.kidnaps[self._kidnapped][1])
+            self._kidnapped += 1
+            self._anchor = None
+            self.carried = True
