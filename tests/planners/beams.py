@@ -6,12 +6,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import kinematic
 import numpy as np
-from kinematic import car, touches
 
 from robocar.core import SE2, Array, Belief, Drive, GiveUp, Goal, Observation, OccupancyGrid, RangeSensor, Robot, Scan, Twist
 from robocar.core.rays import cast_rays
+from tests.planners import kinematic
+from tests.planners.kinematic import car, touches
 
 PERIOD = 0.1
 MAX_RANGE = 6.0

@@ -8,11 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kinematic import DT, car, context, drive, sense
 
 from robocar.core import OCCUPIED, SE2, Belief, GiveUp, Goal, Navigator, OccupancyGrid, RangeSensor, Robot
 from robocar.episode.registry import build, names
 from robocar.estimation.mapping.no_mapper import NoMapper
+from tests.planners.kinematic import DT, car, context, drive, sense
 
 EXPLORERS = {"explore"}
 """Those that draw a map instead; their contracts are in their own tests."""

@@ -11,7 +11,6 @@ from collections import defaultdict
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
-from synthetic import DT, GrowingMap, car, drive, record, room, scenery
 
 from robocar.core import (
     SE2,
@@ -37,6 +36,7 @@ from robocar.recording import (
     read_signal,
     read_trajectory,
 )
+from tests.recording.synthetic import DT, GrowingMap, car, drive, record, room, scenery
 
 # Rerun only warns of arguments that it may have misunderstood.
 pytestmark = pytest.mark.filterwarnings("error::rerun.error_utils.RerunWarning")
@@ -243,7 +243,7 @@ def test_a_killed_run_is_readable_up_to_the_last_flush(tmp_path):
     code = f"""
 import os, sys
 sys.path.insert(0, {os.path.dirname(__file__)!r})
-from synthetic import drive, record, scenery
+from tests.recording.synthetic import drive, record, scenery
 from robocar.recording import RerunRecorder
 record(RerunRecorder({str(tmp_path / "run.rrd")!r}, run_id="killed", scenery=scenery(), flush_ticks=20), drive(50))
 os._exit(9)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,6 @@ import pytest
 
 from robocar.regression.suite import Suite, load_suite
 from robocar.regression.sweep import Swept, sweep
-
-sys.path.insert(0, str(Path(__file__).parent))  # worker processes inherit it
 
 SHORT = "map: maps/thesis_field.yaml\nstart: [0.3, 0.3, 0]\ngoal: [1.2, 0.4]\ntime_limit: {}\n"
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from rows import row, write_run
 
 from robocar.cli.main import main
+from tests.regression.rows import row, write_run
 
 
 @pytest.fixture

@@ -9,10 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from conftest import suite_of
 from hypothesis import given
 from hypothesis import strategies as st
-from rows import results, row
 
 from robocar.core import LogFormatError
 from robocar.episode.run import run
@@ -21,6 +19,8 @@ from robocar.regression.judgement import TOLERANCES, Tolerance, tolerances
 from robocar.regression.results import read_results
 from robocar.regression.sweep import sweep
 from robocar.regression.tables import comparison_json, comparison_text, junit_of_comparison
+from tests.regression.conftest import suite_of
+from tests.regression.rows import results, row
 
 SEEDS = range(6)
 

@@ -12,13 +12,13 @@ from urllib.parse import unquote, urlparse
 import cv2
 import numpy as np
 import pytest
-from conftest import SHORT, suite_of
-from rows import row, write_run
 
 from robocar.core import LogFormatError, OutputError
 from robocar.regression.report import write_report
 from robocar.regression.results import read_results
 from robocar.regression.sweep import sweep
+from tests.regression.conftest import SHORT, suite_of
+from tests.regression.rows import row, write_run
 
 BROWSER = next((path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None)
 

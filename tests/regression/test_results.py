@@ -20,13 +20,13 @@ import pytest
 import scipy.stats
 from hypothesis import given
 from hypothesis import strategies as st
-from rows import UNITS, row, write_run
 
 from robocar.core import LogFormatError
 from robocar.regression.baseline import read_any, read_baseline, write_baseline
 from robocar.regression.results import read_parquet, read_results, write_csv, write_parquet
 from robocar.regression.statistics import mean, share
 from robocar.regression.tables import interval, junit_of_results, results_json, results_table, summary, write_junit
+from tests.regression.rows import UNITS, row, write_run
 
 
 @pytest.fixture

@@ -20,7 +20,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from conftest import suite_of
 
 from robocar.core import OutputError, RobocarError, ScenarioError
 from robocar.episode.run import run
@@ -29,6 +28,7 @@ from robocar.regression.results import is_complete, read_results
 from robocar.regression.suite import load_suite
 from robocar.regression.sweep import sweep
 from robocar.regression.worker import Job, Outcome
+from tests.regression.conftest import suite_of
 
 ROOT = Path(__file__).parents[2]
 
@@ -149,7 +149,7 @@ def children(pid: int) -> set[int]:
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT], ids=["kill -9", "Ctrl-C"])
 def test_a_sweep_that_is_stopped_goes_on_with_what_is_missing(slow_suite: Path, tmp_path: Path, how: int) -> None:
     out = tmp_path / "out"
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "tests" / "parts")}
     words = command(slow_suite, out, "--navigator", "bad_parts:slow")
     with heeding_sigint():
         first = subprocess.Popen(words, env=environment, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
@@ -232,7 +232,7 @@ def scheduler() -> Iterator[str]:
         address = f"tcp://127.0.0.1:{probe.getsockname()[1]}"
     program = [sys.executable, "-m", "dask"]
     options = ["--host", "127.0.0.1", "--port", address.rpartition(":")[2], "--no-dashboard"]
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "tests" / "parts")}
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment}
     started = [subprocess.Popen([*program, "scheduler", *options], **quiet)]
     for more in ([], ["--no-nanny"]):

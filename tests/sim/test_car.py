@@ -10,12 +10,12 @@ import mujoco
 import numpy as np
 import pytest
 import yaml
-from rooms import IDENTICAL_CARS, drive, execute, room
 
 from robocar.core import SE2, Drive, Footprint, Hold, ScenarioError, Twist
 from robocar.sim import car
 from robocar.sim.sensors.parameters import SensorParameters
 from robocar.sim.simulation import PhysicsParameters, Simulation
+from tests.sim.rooms import IDENTICAL_CARS, drive, execute, room
 
 WHEELS = ("front_left", "rear_left", "front_right", "rear_right")
 NOMINAL_VOLTAGE, STALL_TORQUE, NO_LOAD_SPEED, GEAR = 11.1, 0.03333, 450.0, 30.0  # robocar.xml, class "motor"

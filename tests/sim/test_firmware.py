@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rooms import IDENTICAL_CARS, drive, execute, room
 
 from robocar.core import SE2, Calibration, Drive, Hold, Limits, Serial, Twist
 from robocar.core.solids import Box
 from robocar.sim.car import FitOut
 from robocar.sim.firmware import CELL, MAX_CELLS, Firmware, FirmwareParameters
 from robocar.sim.simulation import PhysicsParameters
+from tests.sim.rooms import IDENTICAL_CARS, drive, execute, room
 
 LIMITS = Limits(min_vel_x=-0.2, max_vel_x=0.4, max_vel_theta=1.5, acc_lim_x=0.8, acc_lim_theta=4.0)
 RADIUS, TRACK, PULSES, VOLTS_PER_SPEED, SUPPLY = 0.042, 0.2333, 200, 0.74, 11.1

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rooms import IDENTICAL_CARS, drive, room
 
 from robocar.core import SE2, Done, Drive, GiveUp, Hold, ScenarioError, Serial, Twist
 from robocar.core.solids import Box
 from robocar.sim.car import FitOut, footprint
 from robocar.sim.firmware import FirmwareParameters
 from robocar.sim.simulation import PhysicsParameters, Simulation
+from tests.sim.rooms import IDENTICAL_CARS, drive, room
 
 
 def wander(simulation: Simulation, ticks: int = 60) -> str:
@@ -42,9 +42,12 @@ def test_equal_seeds_give_equal_hashes_and_other_seeds_others() -> None:
 
 
 def test_another_process_gives_the_same_hash() -> None:
-    code = "from rooms import room; from test_simulation import wander; import sys; sys.stdout.write(wander(room(seed=7)))"
+    code = (
+        "from tests.sim.rooms import room; from tests.sim.test_simulation import wander; import sys; "
+        "sys.stdout.write(wander(room(seed=7)))"
+    )
     command = [sys.executable, "-c", code]
-    other = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True, check=True, timeout=120)
+    other = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=True, timeout=120)
     assert other.stdout == wander(room(seed=7))
 
 

@@ -19,9 +19,7 @@ import pytest
 
 from robocar.core import Image
 from robocar.recording import RerunRecorder, Scenery, palette, read_trajectory
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "recording"))
-from synthetic import GrowingMap, drive, record, room, scenery
+from tests.recording.synthetic import GrowingMap, drive, record, room, scenery
 
 pytestmark = pytest.mark.skipif(
     ctypes.util.find_library("vulkan") is None or not glob.glob("/usr/share/vulkan/icd.d/*.json"),
