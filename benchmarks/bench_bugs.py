@@ -16,7 +16,7 @@ from rich.table import Table
 from robocar.core import SE2, Array, Belief, Context, Goal, Observation, RangeSensor, Robot, Scan
 from robocar.episode.registry import build
 from robocar.planners.bugs.ocpb.strategy import OperativeCriticalPointBug
-from robocar.planners.bugs.view import View
+from robocar.planners.bugs.view import BugView
 from robocar.planners.tracking.open_points import Surround, find_open_points
 from robocar.sim.car import LIMITS, footprint, load_calibration
 
@@ -56,7 +56,7 @@ def time_steps(name: str, moving: bool, rounds: int = 5, scans: int = 60) -> dic
         bug = navigator.local_planner
         step = bug.strategy.step
 
-        def timed(view: View, r: int = r, step=step) -> object:
+        def timed(view: BugView, r: int = r, step=step) -> object:
             start = perf_counter()
             move = step(view)
             inner[r, round(view.time * 10)] = perf_counter() - start

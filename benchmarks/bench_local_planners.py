@@ -21,11 +21,10 @@ from robocar.core import SE2, Belief, Drive, Goal, Observation, OccupancyGrid, P
 from robocar.core.rays import cast_rays
 from robocar.planners.controllers.dwa import DynamicWindow
 from robocar.planners.controllers.mppi import MPPI
-from robocar.planners.costmap.layered import Parameters as Inflation
-from robocar.planners.costmap.layered import inflate
+from robocar.planners.costmap.layered import CostmapParameters, inflate
 from robocar.planners.costmap.rolling import RollingCostmap
-from robocar.planners.sampling.random_trees import Obstacles
-from robocar.planners.sampling.rrt import Parameters, circle_world, path_cost, search
+from robocar.planners.sampling.random_trees import TreeObstacles
+from robocar.planners.sampling.rrt import RrtParameters, circle_world, path_cost, search
 
 STEP = 10.0  # of both planners; it has no unit there
 
@@ -53,11 +52,11 @@ def timed(call: Callable[[int], object], count: int) -> tuple[float, float]:
 def local_planners(console: Console, count: int) -> None:
     """Cycles on a 6 x 6 m costmap, driving along its middle between posts."""
     grid = world(np.random.default_rng(0))
-    costmap = inflate(grid, CAR.footprint.inscribed_radius, Inflation(walled=False))
+    costmap = inflate(grid, CAR.footprint.inscribed_radius, CostmapParameters(walled=False))
     path, goal = Path(np.column_stack([np.arange(-2.5, 2.51, 0.05), np.zeros(101)])), Goal(np.array([2.5, 0.0]))
     planners = {
-        "DWA, 20 x 40 samples, 2 s": (DynamicWindow(CAR, PERIOD, inflation=Inflation()), "1.0"),
-        "MPPI, 1000 x 30": (MPPI(CAR, PERIOD, np.random.default_rng(0), inflation=Inflation()), "10"),
+        "DWA, 20 x 40 samples, 2 s": (DynamicWindow(CAR, PERIOD, inflation=CostmapParameters()), "1.0"),
+        "MPPI, 1000 x 30": (MPPI(CAR, PERIOD, np.random.default_rng(0), inflation=CostmapParameters()), "10"),
     }
     rows = []
     for name, (planner, target) in planners.items():
@@ -83,7 +82,7 @@ def local_planners(console: Console, count: int) -> None:
     table(console, "A tick of the local planners [ms]", ["what", "median", "shortest", "target"], rows)
 
 
-def references() -> tuple[Obstacles, list[tuple[np.ndarray, np.ndarray]]] | None:
+def references() -> tuple[TreeObstacles, list[tuple[np.ndarray, np.ndarray]]] | None:
     """OMPL's circles and queries, None where they are not."""
     default = FilePath(__file__).resolve().parents[2] / "shared" / "data"
     folder = FilePath(os.environ.get("ROBOCAR_DATA") or default) / "references"
@@ -124,7 +123,7 @@ def against_ompl(console: Console) -> None:
 
     rows = []
     for name, variant, theirs in (("RRT", "rrt", geometric.RRT), ("RRT-Connect", "rrt-connect", geometric.RRTConnect)):
-        p = Parameters(variant=variant, step=STEP, goal_tolerance=1.0, max_samples=100_000, shortcuts=0, adaptive_step=False)
+        p = RrtParameters(variant=variant, step=STEP, goal_tolerance=1.0, max_samples=100_000, shortcuts=0, adaptive_step=False)
         search(obstacles, *queries[0], p, np.random.default_rng(0))  # compiled
         times, lengths = [], []
         for k, (start, goal) in enumerate(queries):
@@ -161,7 +160,7 @@ def rrt_star(console: Console) -> None:
     if found is None:
         return
     obstacles, queries = found
-    p = Parameters(variant="rrt-star", step=5.0, max_samples=20_000, shortcuts=0)
+    p = RrtParameters(variant="rrt-star", step=5.0, max_samples=20_000, shortcuts=0)
     times = []
     for start, goal in queries[:5]:
         begin = perf_counter()

@@ -18,7 +18,7 @@ import numpy as np
 
 from robocar.core import SE2, Array, Belief, Observation, OccupancyGrid, Scan
 from robocar.core.rays import cast_rays
-from robocar.estimation.mapping.mapping import OccupancyMapper, Parameters
+from robocar.estimation.mapping.mapping import MappingParameters, OccupancyMapper
 from robocar.formats.lidar_csv import load_lidar_csv
 
 BEAMS, OPENING, REACH = 570, math.radians(205.0), 5.6
@@ -112,7 +112,7 @@ def main(repeats: int = 300) -> None:
     (observation,) = load_lidar_csv(file).observations
     assert observation.lidar is not None
     scan = observation.lidar
-    fine = OccupancyMapper(True, False, parameters=Parameters(resolution=0.02))
+    fine = OccupancyMapper(True, False, parameters=MappingParameters(resolution=0.02))
 
     def ours() -> None:
         fine.reset(np.random.default_rng(0))

@@ -37,7 +37,7 @@ from robocar.core.rays import cast_rays
 from robocar.formats.generated import cave, maze, rooms
 from robocar.formats.load import load_map
 from robocar.planners.controllers.pure_pursuit import PurePursuit
-from robocar.planners.costmap.layered import LayeredCostmap, Parameters, inflate
+from robocar.planners.costmap.layered import CostmapParameters, LayeredCostmap, inflate
 from robocar.planners.navigators.plan_and_follow import PlanAndFollow
 from robocar.planners.search.a_star import AStar
 from robocar.planners.search.d_star_lite import DStarLite
@@ -50,7 +50,7 @@ CAR = Robot(
     200,
 )
 PERIOD = 0.05
-INFLATION = Parameters(walled=False)
+INFLATION = CostmapParameters(walled=False)
 
 
 def maps(size: int) -> dict[str, OccupancyGrid]:
@@ -180,7 +180,7 @@ def replanning(console: Console, worlds: dict[str, OccupancyGrid], count: int) -
     for name, world in worlds.items():
         for robot in (False, True):
             radius = CAR.footprint.inscribed_radius if robot else 0.0
-            spread = INFLATION if robot else Parameters(walled=False, inflation_radius=0.0, margin=0.0)
+            spread = INFLATION if robot else CostmapParameters(walled=False, inflation_radius=0.0, margin=0.0)
             before = inflate(world, radius, spread)
             if before.blocked.mean() > 0.999 or np.count_nonzero(~before.blocked) < 1000:
                 continue

@@ -20,8 +20,8 @@ from robocar.core import SE2, Scan
 from robocar.core.rays import cast_rays
 from robocar.experiments._safe_direction_worlds import FIGURES
 from robocar.experiments.safe_direction_figures import bare_car
-from robocar.planners.safe_direction.method import Directions, Parameters
-from robocar.planners.safe_direction.view import Panorama, Sector
+from robocar.planners.safe_direction.method import Directions, SafeDirectionParameters
+from robocar.planners.safe_direction.view import DirectionPanorama, Sector
 from robocar.planners.search.transforms import METRICS, distance_transform, obstacle_transform, path_transform
 from robocar.sim.car import footprint
 
@@ -58,9 +58,9 @@ def main() -> None:
     grid, pose = world.grid(), SE2(4.4, 4.4, 0.6)
     bearings = np.linspace(-math.pi, math.pi, 360, endpoint=False)
     scan = Scan(0.0, cast_rays(grid, grid.occupied, pose.position, pose.theta + bearings, 6.0), bearings, 6.0)
-    parameters = Parameters()
+    parameters = SafeDirectionParameters()
     sector = Sector(math.tau, 3.0)
-    method, panorama = Directions(bare_car(footprint()), sector, parameters), Panorama(sector, 0.05, 0.12)
+    method, panorama = Directions(bare_car(footprint()), sector, parameters), DirectionPanorama(sector, 0.05, 0.12)
     goals = {"goal in sight": (5.4, 4.9), "goal far off": (8.3, 6.2), "goal behind": (0.6, 0.7)}
 
     def decide(goal: tuple[float, float]) -> None:

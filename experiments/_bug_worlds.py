@@ -15,7 +15,7 @@ from matplotlib.transforms import Affine2D
 from robocar.core import OCCUPIED, Array, OccupancyGrid
 from robocar.episode.result import RunResult
 from robocar.formats import save_ros_map
-from robocar.planners.bugs.view import Parameters
+from robocar.planners.bugs.view import BugParameters
 from robocar.planners.tracking.open_points import VirtualCircle
 from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
@@ -23,7 +23,7 @@ from robocar.sim.car import footprint
 
 BUGS = ("ocpb", "tangent-bug", "dist-bug", "bug2", "bug1", "critical-point-bug", "point-bug")
 ROBOT = {"robot.lidar": "scan360", "robot.sonars": "none"}
-CIRCLE = VirtualCircle.of(footprint(), Parameters().safety_constant)
+CIRCLE = VirtualCircle.of(footprint(), BugParameters().safety_constant)
 SHIPPED = {
     "boxes": "cluttered",
     "U": "u-trap",

@@ -22,7 +22,7 @@ from matplotlib.transforms import Affine2D
 from robocar.core import OCCUPIED, SE2, Array, Costmap, OccupancyGrid
 from robocar.core.distance import ClearanceField
 from robocar.episode.result import RunResult
-from robocar.planners.costmap.layered import Parameters, inflate
+from robocar.planners.costmap.layered import CostmapParameters, inflate
 from robocar.planners.harmonic.laplace import laplace_problem, solve
 from robocar.planners.harmonic.planner import Harmonic
 from robocar.planners.harmonic.streamline import streamline
@@ -134,7 +134,7 @@ def _plans(report: Report, scenes: dict[str, Scene]) -> None:
         if scene.prior is None:
             continue
         assert scene.goal is not None
-        costmap = inflate(scene.prior, footprint().inscribed_radius, Parameters())
+        costmap = inflate(scene.prior, footprint().inscribed_radius, CostmapParameters())
         row: dict[str, tuple[float, float, float]] = {}
         for planner, make in PLANNERS.items():
             points = make().plan(costmap, scene.start.position, scene.goal.position).path.points

@@ -20,7 +20,7 @@ import numpy as np
 from robocar.core import Array
 from robocar.episode.result import RunResult
 from robocar.experiments._bug_worlds import ROBOT, grid, room
-from robocar.planners.bugs.view import Parameters
+from robocar.planners.bugs.view import BugParameters
 from robocar.reporting.report import Report
 from robocar.reporting.run_many import run_many
 
@@ -84,7 +84,7 @@ def encounter(folder: Path, kind: Encounters, speed: float, angle: float, seed: 
     way = math.dist(car, goal)
     heading = math.atan2(*(goal - car)[::-1])
     gone = way * rng.uniform(*kind.meet)
-    time = LAG + gone / Parameters().desired_linear_vel + rng.uniform(-0.7, 0.7)
+    time = LAG + gone / BugParameters().desired_linear_vel + rng.uniform(-0.7, 0.7)
     a = heading + math.radians(angle) * rng.choice((-1.0, 1.0))
     leg = _leg(car + gone / way * (goal - car), speed * np.array([math.cos(a), math.sin(a)]), time, 40.0, car)
     if leg is None:

@@ -27,8 +27,8 @@ from robocar.episode.run import simulate
 from robocar.estimation.mapping.no_mapper import NoMapper
 from robocar.experiments._bug_worlds import CIRCLE, ROBOT, circle, draw, grid, room, scene_of
 from robocar.planners.bugs.ocpb.strategy import OperativeCriticalPointBug
-from robocar.planners.bugs.view import Parameters
-from robocar.planners.tracking.open_points import OpenPoint, Panorama, find_open_points
+from robocar.planners.bugs.view import BugParameters
+from robocar.planners.tracking.open_points import OpenPoint, ScanPanorama, find_open_points
 from robocar.reporting.report import Report
 
 BEAMS, MAX_RANGE = 360, 6.0
@@ -76,7 +76,7 @@ def main(out: Path, quick: bool = False) -> None:
 
 def _scans(report: Report, out: Path, count: int) -> None:
     """Figures 7 and 8, and how well open points match corners."""
-    rng, p = np.random.default_rng(0), Parameters()
+    rng, p = np.random.default_rng(0), BugParameters()
     errors, strict, along, placed = [], [], [], []
     while len(errors) < count:
         boxes = BOXES if not errors else _boxes(rng)  # another world each time
@@ -141,11 +141,11 @@ def _boxes(rng: np.random.Generator) -> tuple[tuple[float, float, float, float],
     return tuple(boxes)
 
 
-def _look(world: OccupancyGrid, pose: SE2) -> Panorama:
+def _look(world: OccupancyGrid, pose: SE2) -> ScanPanorama:
     """A scan without noise."""
     bearings = pose.theta + np.linspace(-math.pi, math.pi, BEAMS, endpoint=False)
     ranges = cast_rays(world, world.occupied, pose.position, bearings, MAX_RANGE)
-    return Panorama(0.0, pose.position, bearings, np.where(ranges > MAX_RANGE, np.inf, ranges), MAX_RANGE, math.tau / BEAMS)
+    return ScanPanorama(0.0, pose.position, bearings, np.where(ranges > MAX_RANGE, np.inf, ranges), MAX_RANGE, math.tau / BEAMS)
 
 
 def _drive(scenario: dict[str, Any], seed: int = 0) -> tuple[list[Frame], str, float, float]:

@@ -28,14 +28,14 @@ from robocar.episode.result import RunResult
 from robocar.paths import MODELS
 from robocar.planners.costmap.layered import inflate
 from robocar.planners.sampling.random_trees import Growth
-from robocar.planners.sampling.rrt import Parameters, costmap_world, path_cost, search
+from robocar.planners.sampling.rrt import RrtParameters, costmap_world, path_cost, search
 from robocar.reporting.report import Report
 from robocar.reporting.run_many import run_many
 from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint
 
-TABLE_1 = Parameters(variant="rrt", step=0.5, max_samples=10_000, adaptive_step=False, shortcuts=0)
+TABLE_1 = RrtParameters(variant="rrt", step=0.5, max_samples=10_000, adaptive_step=False, shortcuts=0)
 _AS_TABLE_1 = {
     f"navigator.{name}": getattr(TABLE_1, name) for name in ("variant", "step", "max_samples", "adaptive_step", "shortcuts")
 }
@@ -138,9 +138,9 @@ def trees(report: Report, scene: Scene, seeds: range) -> list[Growth]:
     rows, all_grown = [], []
     variants = {
         "Table 1": TABLE_1,
-        "with shortcuts": Parameters(max_samples=10_000),
-        "RRT-Connect": Parameters(variant="rrt-connect", max_samples=10_000, shortcuts=0),
-        "RRT*, 10 000 samples": Parameters(variant="rrt-star", max_samples=10_000, shortcuts=0),
+        "with shortcuts": RrtParameters(max_samples=10_000),
+        "RRT-Connect": RrtParameters(variant="rrt-connect", max_samples=10_000, shortcuts=0),
+        "RRT*, 10 000 samples": RrtParameters(variant="rrt-star", max_samples=10_000, shortcuts=0),
     }
     for name, p in variants.items():
         in_cells = replace(p, step=p.step / r, goal_tolerance=p.goal_tolerance / r)

@@ -25,8 +25,8 @@ from robocar.core.rays import cast_rays
 from robocar.core.robot import Calibration, Limits
 from robocar.episode.result import RunResult
 from robocar.experiments._safe_direction_worlds import FIGURES, Drawn, culdesac, middle_error, outline_clearance, path_clearance
-from robocar.planners.safe_direction.method import Directions, Parameters
-from robocar.planners.safe_direction.view import Panorama, Sector
+from robocar.planners.safe_direction.method import Directions, SafeDirectionParameters
+from robocar.planners.safe_direction.view import DirectionPanorama, Sector
 from robocar.planners.search.transforms import descend, distance_transform, obstacle_transform
 from robocar.reporting.report import Report
 from robocar.reporting.run_many import run_many
@@ -54,9 +54,9 @@ def histogram() -> tuple[Array, Array]:
     grid = world.grid()
     bearings = np.linspace(-math.pi / 2, math.pi / 2, 361)
     ranges = cast_rays(grid, grid.occupied, pose.position, pose.theta + bearings, 3.0)
-    parameters = Parameters(view_angle=math.pi, safe_range=3.0)
+    parameters = SafeDirectionParameters(view_angle=math.pi, safe_range=3.0)
     sector = Sector(math.pi, 3.0)
-    panorama = Panorama(sector, parameters.resolution, 0.12)
+    panorama = DirectionPanorama(sector, parameters.resolution, 0.12)
     panorama.look(pose, Scan(0.0, ranges, bearings, 3.0), ())
     method = Directions(bare_car(footprint()), sector, parameters)
     found = method.decide(method.readings(pose, panorama), pose.theta, np.array(world.goal)).fan

@@ -19,7 +19,7 @@ from matplotlib.axes import Axes
 
 from robocar.core import SE2, Array
 from robocar.episode.result import RunResult
-from robocar.planners.search.dynamic_a_star import Lattice
+from robocar.planners.search.dynamic_a_star import CarLattice
 from robocar.reporting.report import Report
 from robocar.reporting.run_many import run_many
 from robocar.scenario.load import load_scenario
@@ -33,7 +33,7 @@ SENSING = {"spin": {"robot.sonars": "front"}, "side sonars": {"robot.sonars": "f
 POSES = {"truth": {}, "odometry": {}, "odometry-compass": {"robot.compass": True}}
 
 
-def cell_errors(result: RunResult, lattice: Lattice) -> list[int]:
+def cell_errors(result: RunResult, lattice: CarLattice) -> list[int]:
     """For each cell that the car believed to have reached the middle of: how many cells away it truly was.
 
     Eight-connected cells: the larger of the differences in rows and columns.
@@ -75,7 +75,7 @@ def main(out: Path, quick: bool = False) -> None:
     grouped = {case: results[k * len(seeds) : (k + 1) * len(seeds)] for k, case in enumerate(cases)}
     scene = Scene.load(load_scenario(SCENARIO), footprint())
     assert scene.goal is not None
-    lattice = Lattice(CELL, scene.prior, scene.start, scene.goal.position)
+    lattice = CarLattice(CELL, scene.prior, scene.start, scene.goal.position)
 
     rows, cells = [], []
     for (sensing, pose), runs in grouped.items():

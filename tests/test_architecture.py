@@ -1,21 +1,86 @@
-"""Imports go one way (design, section 2). Oracle: the syntax tree of every module, and a fresh interpreter."""
+"""Imports go down only (design, section 2). Oracle: the syntax tree of every module, and a fresh interpreter."""
+
+from __future__ import annotations
 
 import ast
 import subprocess
 import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
-MODULES = sorted(path for folder in ("robocar", "planners", "experiments") for path in (ROOT / folder).rglob("*.py"))
-SIDE_BY_SIDE = ("formats", "sim", "estimation", "metrics", "recording")
-"""Parts that know the core, and not each other."""
+LINKED = ("planners", "experiments", "benchmarks")
+"""Folders at the top whose import names begin with `robocar.`: `robocar/<name>` is a link to each."""
+HERE = "(itself)"
+
+# Bottom up: a room may import from its own modules and from all layers below its own. Rooms of one layer do not know each other.
+# A room with rooms inside has layers of its own; HERE stands for the modules that lie directly in it.
+LAYERS: tuple[Mapping[str, Any], ...] = (
+    {"core": None},
+    {"paths": None},
+    {
+        "formats": None,
+        "sim": ({"sensors": None}, {HERE: None}),
+        "estimation": ({"odometry": None}, {"landmarks": None, "mapping": None}, {HERE: None}),
+        "metrics": None,
+        "recording": None,
+        "planners": (
+            {"geometry": None},
+            {"search": None},
+            {"costmap": None, "tracking": None},
+            {"sampling": None, "controllers": None},
+            {"navigators": None},
+            {
+                "harmonic": ({"laplace": None}, {HERE: None}),
+                "safe_direction": None,
+                "bugs": ({HERE: None}, {"ocpb": None}),
+                "exploration": None,
+            },
+            {HERE: None},
+        ),
+    },
+    {"scenario": None},
+    {"episode": None},
+    {HERE: None},  # robocar/__init__.py, the API
+    {"regression": None, "rl": None},
+    {"reporting": None},
+    {"experiments": None, "cli": None},
+    {"benchmarks": None, "__main__": None},
+)
+LIBRARIES = {
+    "mujoco": {"sim", "experiments", "benchmarks"},
+    "dm_control": {"experiments", "benchmarks"},
+    "rerun": {"recording", "experiments", "benchmarks"},
+}
+"""Where alone a library is imported."""
+ONLY = {"core": {"numpy", "numba"}, "planners": {"numpy", "numba", "scipy", "cv2", "pyamg"}}
+"""Rooms that import these libraries and no others."""
 
 
-def imports_of(path: Path) -> set[str]:
+def files() -> list[Path]:
+    """Every module; those of the linked folders where they lie."""
+    own = [path for path in (ROOT / "robocar").rglob("*.py") if path.relative_to(ROOT / "robocar").parts[0] not in LINKED]
+    return sorted([*own, *(path for folder in LINKED for path in (ROOT / folder).rglob("*.py"))])
+
+
+def name_of(path: Path) -> str:
+    """The name that a module is imported by."""
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    parts = parts if parts[0] == "robocar" else ("robocar", *parts)
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {name_of(path): path for path in files()}
+PACKAGES = {name for name, path in MODULES.items() if path.name == "__init__.py"}
+
+
+def imports_of(path: Path, name: str) -> set[str]:
     """Absolute names of all that a module imports, anywhere in it; `from a import b` gives a.b."""
-    package = path.relative_to(ROOT).with_suffix("").parts[:-1]
+    package = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
     found: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -27,61 +92,166 @@ def imports_of(path: Path) -> set[str]:
     return found
 
 
-def part_of(path: Path) -> str:
-    """`core`, `sim`, `metrics`, ... for modules of robocar; `planners` or `experiments` for theirs."""
-    top, *rest = path.relative_to(ROOT).with_suffix("").parts
-    return rest[0] if top == "robocar" else top
+def folder_of(name: str) -> str:
+    """The package that a module lies in; modules directly in `robocar` count as folders of their own."""
+    return name if name in PACKAGES or name.count(".") == 1 else name.rpartition(".")[0]
 
 
-def name_is(name: str, *parents: str) -> bool:
-    return any(name == parent or name.startswith(parent + ".") for parent in parents)
+def own_imports(name: str) -> set[str]:
+    """Modules of ours that a module imports."""
+    found = set()
+    for imported in imports_of(MODULES[name], name):
+        parts = imported.split(".")
+        longest = next((n for n in range(len(parts), 0, -1) if ".".join(parts[:n]) in MODULES), 0)
+        if longest:
+            found.add(".".join(parts[:longest]))
+    return found - {name}
 
 
-def own(names: set[str]) -> set[str]:
-    return {name for name in names if name_is(name, "robocar", "planners", "experiments")}
+def place(name: str) -> list[str]:
+    """Rooms from the outermost to the innermost, then HERE: `robocar.planners.search.a_star` is in planners, search."""
+    parts = name.split(".")[1:]
+    if name not in PACKAGES and len(parts) > 1:
+        parts = parts[:-1]
+    return [*parts, HERE]
 
 
-ids = [str(path.relative_to(ROOT)) for path in MODULES]
+def lies_above(name: str, imported: str, layers: Sequence[Mapping[str, Any]] = LAYERS) -> bool:
+    """Whether the table lets a module import another one."""
+    here, there = place(name), place(imported)
+    while here[0] == there[0] and here != there:
+        inner = next(layer[here[0]] for layer in layers if here[0] in layer)
+        if inner is None:
+            return True
+        layers, here, there = inner, here[1:], there[1:]
+    level = {room: k for k, layer in enumerate(layers) for room in layer}
+    return here == there or level[here[0]] > level[there[0]]
 
 
-def test_the_project_is_found() -> None:
-    assert {"core", "sim", "formats", "estimation", "metrics"} <= {part_of(path) for path in MODULES}
+def rooms(layers: Sequence[Mapping[str, Any]] = LAYERS, above: str = "robocar") -> Iterator[str]:
+    """Every room and module that the table names."""
+    for room, inner in (pair for layer in layers for pair in layer.items()):
+        name = above if room == HERE else f"{above}.{room}"
+        yield name
+        if inner:
+            yield from (nested for nested in rooms(inner, name) if nested != name)
 
 
-def test_relative_imports_are_resolved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def as_text(layers: Sequence[Mapping[str, Any]] = LAYERS, indent: str = "") -> str:
+    """The table for people, top down."""
+    lines: list[str] = []
+    for layer in reversed(layers):
+        lines.append(indent + " · ".join(layer))
+        for room, inner in layer.items():
+            if inner:
+                lines.append(f"{indent}    in {room}:")
+                lines.append(as_text(inner, indent + "        "))
+    return "\n".join(lines)
+
+
+def test_every_folder_and_every_top_level_module_has_its_layer() -> None:
+    """Oracle: the tree. Shows the layers: `pytest tests/test_architecture.py -k every_folder -s`."""
+    sys.stdout.write(f"\n{as_text()}\n")
+    folders = PACKAGES | {name for name in MODULES if name.count(".") == 1}
+    named = Counter(rooms())
+    assert set(named) == folders
+    assert set(named.values()) == {1}
+
+
+@pytest.mark.parametrize(
+    ("name", "imported", "allowed"),
+    [
+        ("robocar.sim.world", "robocar.core.grid", True),
+        ("robocar.core.grid", "robocar.sim.world", False),
+        ("robocar.sim.world", "robocar.formats.load", False),  # side by side
+        ("robocar.planners.costmap.layered", "robocar.planners.search.grid_search", True),
+        ("robocar.planners.search.grid_search", "robocar.planners.costmap.layered", False),
+        ("robocar.planners.tracking.tracker", "robocar.planners.costmap.layered", False),
+        ("robocar.planners.bugs.ocpb.strategy", "robocar.planners.bugs.view", True),
+        ("robocar.planners.bugs.view", "robocar.planners.bugs.ocpb.strategy", False),
+        ("robocar.planners.harmonic.planner", "robocar.planners.harmonic.laplace", True),
+        ("robocar.planners.search.a_star", "robocar.episode.registry", False),
+        ("robocar.cli.main", "robocar", True),
+        ("robocar.scenario.model", "robocar", False),
+        ("robocar.cli.experiments", "robocar.experiments.barn", False),
+        ("robocar.benchmarks.bench_loop", "robocar.experiments.barn", True),
+        ("robocar.__main__", "robocar.cli.main", True),
+    ],
+)
+def test_the_table_is_read_as_it_is_written(name: str, imported: str, allowed: bool) -> None:
+    """Oracle: the rules above the table, by hand."""
+    assert lies_above(name, imported) is allowed
+
+
+def test_relative_imports_are_resolved(tmp_path: Path) -> None:
     """Oracle: Python's rule: one dot is the module's own package, two its parent."""
-    monkeypatch.setattr(sys.modules[__name__], "ROOT", tmp_path)
-    module = tmp_path / "robocar" / "sim" / "car.py"
-    module.parent.mkdir(parents=True)
+    module = tmp_path / "car.py"
     module.write_text(
         "import os.path\nfrom . import a\nfrom .b import c\nfrom ..core import d\ndef f():\n    import mujoco as m\n"
     )
-    assert imports_of(module) == {"os.path", "robocar.sim.a", "robocar.sim.b.c", "robocar.core.d", "mujoco"}
+    expected = {"os.path", "robocar.sim.a", "robocar.sim.b.c", "robocar.core.d", "mujoco"}
+    assert imports_of(module, "robocar.sim.car") == expected
 
 
-@pytest.mark.parametrize("path", MODULES, ids=ids)
-def test_imports_go_one_way(path: Path) -> None:
-    part, names = part_of(path), imports_of(path)
-    # `paths` only says where the data lies.
-    allowed = {"core": ("robocar.core",), "planners": ("robocar.core", "planners"), "paths": ()}
-    allowed |= {side: ("robocar.core", f"robocar.{side}", "robocar.paths", "robocar.__version__") for side in SIDE_BY_SIDE}
-    above = {"experiments": (), "navigation": ("robocar.run", "robocar.cli.main", "experiments", "planners")}
-    wrong = {name for name in own(names) if part in allowed and not name_is(name, *allowed[part])}
-    wrong |= {name for name in own(names) if name_is(name, *above.get(part, ("experiments",)))}
-    assert not wrong, f"{path.relative_to(ROOT)} must not import {sorted(wrong)}"
+@pytest.mark.parametrize("name", MODULES)
+def test_imports_go_down_only(name: str) -> None:
+    wrong = sorted(imported for imported in own_imports(name) if not lies_above(name, imported))
+    assert not wrong, f"{name} must not import {wrong}; the layers, top down:\n{as_text()}"
 
 
-@pytest.mark.parametrize("path", MODULES, ids=ids)
-def test_libraries_stay_in_their_places(path: Path) -> None:
-    """MuJoCo in `sim` only, Rerun in `recording` only, nothing but numpy and numba in `core`, and a short list in `planners`."""
-    part = part_of(path)
-    libraries = {name.split(".")[0] for name in imports_of(path)} - set(sys.stdlib_module_names)
-    libraries -= {"robocar", "planners", "experiments"}
-    forbidden = {"mujoco", "dm_control"} if part not in ("sim", "experiments") else set()
-    forbidden |= {"rerun"} if part not in ("recording", "experiments") else set()
-    limits = {"core": {"numpy", "numba"}, "planners": {"numpy", "numba", "scipy", "cv2", "pyamg"}}
-    forbidden |= libraries - limits.get(part, libraries)
-    assert not libraries & forbidden, f"{path.relative_to(ROOT)} must not import {sorted(libraries & forbidden)}"
+def test_no_import_runs_in_a_circle() -> None:
+    """Neither among modules nor, as folders, among rooms. Oracle: what imports nothing else can be taken away, to the last one.
+
+    Imports within functions and for type checkers count too.
+    """
+    modules = {name: own_imports(name) for name in MODULES}
+    folders: dict[str, set[str]] = {}
+    for name, imported in modules.items():
+        folder, others = folder_of(name), {folder_of(other) for other in imported}
+        folders[folder] = folders.get(folder, set()) | others - {folder}
+    for graph in (modules, folders):
+        left = dict(graph)
+        while free := [name for name, imported in left.items() if not imported & set(left)]:
+            for name in free:
+                del left[name]
+        assert not left, f"in a circle, or above one: {sorted(left)}"
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_libraries_stay_in_their_places(name: str) -> None:
+    room, path = place(name)[0], MODULES[name]
+    libraries = {imported.split(".")[0] for imported in imports_of(path, name)} - set(sys.stdlib_module_names)
+    assert not libraries & {*LINKED, "tests"}, f"{name}: our import names begin with robocar"
+    libraries -= {"robocar"}
+    wrong = {library for library in libraries if room not in LIBRARIES.get(library, {room})}
+    wrong |= libraries - ONLY.get(room, libraries)
+    assert not wrong, f"{name} must not import {sorted(wrong)}"
+
+
+def test_a_class_name_says_which() -> None:
+    """No two public classes of ours have the same name, and none is called only `Parameters`."""
+    found: dict[str, list[str]] = {}
+    for name, path in MODULES.items():
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                found.setdefault(node.name, []).append(name)
+    assert "AStarParameters" in found
+    assert "Parameters" not in found
+    assert {name: where for name, where in found.items() if len(where) > 1} == {}
+
+
+def test_a_file_holds_one_concept() -> None:
+    """At most 400 lines (style, rule 2), tests too."""
+    every = [*MODULES.values(), *(ROOT / "tests").rglob("*.py")]
+    lengths = {str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").splitlines()) for path in every}
+    assert {name: lines for name, lines in lengths.items() if lines > 400} == {}
+
+
+@pytest.mark.parametrize("folder", LINKED)
+def test_the_linked_folders_are_where_they_are_imported_from(folder: str) -> None:
+    link = ROOT / "robocar" / folder
+    assert link.is_symlink()
+    assert link.readlink() == Path("..") / folder
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ STEPS = [(dr, dc, math.hypot(dr, dc)) for dr in (-1, 0, 1) for dc in (-1, 0, 1) 
 
 
 @dataclass(frozen=True)
-class Parameters:
+class WallShyParameters:
     """
     Args:
         wall_weight: how many times its length a step costs beside a wall, beyond the length itself.
@@ -32,7 +32,7 @@ class Parameters:
 class WallShy:
     """A `GlobalPlanner`: `plan` is asked again whenever the robot has seen something that blocks its path."""
 
-    def __init__(self, parameters: Parameters) -> None:
+    def __init__(self, parameters: WallShyParameters) -> None:
         self.parameters = parameters
 
     def reset(self, rng: np.random.Generator) -> None:
@@ -70,5 +70,5 @@ class WallShy:
 
 def build(context: Context) -> PlanAndFollow:
     """What `--navigator wall_shy:build` calls: our planner, Robocar's costmap and its path follower."""
-    parameters = context.parameters_of(Parameters)
+    parameters = context.parameters_of(WallShyParameters)
     return plan_and_follow(context, lambda _: WallShy(parameters), pure_pursuit.build)

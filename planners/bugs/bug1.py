@@ -13,7 +13,7 @@ from robocar.core import Array, Context, GiveUp, Points
 from robocar.core.trace import Drawable
 from robocar.planners.bugs.local_planner import build_bug
 from robocar.planners.bugs.motion import Boundary
-from robocar.planners.bugs.view import HIT, LEAVE, LOOP, LOOP_LENGTH, Move, To, View
+from robocar.planners.bugs.view import HIT, LEAVE, LOOP, LOOP_LENGTH, BugView, Move, To
 from robocar.planners.navigators.plan_and_follow import Reactive
 
 _SIDE = 1  # the local direction, left or right, is arbitrary but fixed: the obstacle stays on the left hand
@@ -41,7 +41,7 @@ class Bug1:
     def reset(self) -> None:
         self._round: _Round | None = None
 
-    def step(self, view: View) -> Move:
+    def step(self, view: BugView) -> Move:
         """To the goal; where something is hit, once round it, and back to its closest place."""
         if self._round is None:
             if view.goal_is_open(HIT):
@@ -73,7 +73,7 @@ class Bug1:
         else:
             trip.boundary = Boundary(-_SIDE, trip.boundary.heading + math.pi)
 
-    def trace(self, view: View) -> dict[str, Drawable]:
+    def trace(self, view: BugView) -> dict[str, Drawable]:
         """The leave point so far."""
         if self._round is None:
             return {}

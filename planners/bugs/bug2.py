@@ -14,7 +14,7 @@ from robocar.core import Array, Context, GiveUp, Lines
 from robocar.core.trace import Drawable
 from robocar.planners.bugs.local_planner import build_bug
 from robocar.planners.bugs.motion import Boundary
-from robocar.planners.bugs.view import HIT, LEAVE, LOOP, LOOP_LENGTH, Move, To, View
+from robocar.planners.bugs.view import HIT, LEAVE, LOOP, LOOP_LENGTH, BugView, Move, To
 from robocar.planners.navigators.plan_and_follow import Reactive
 
 _SIDE = 1  # the local direction, left or right, is arbitrary but fixed: the obstacle stays on the left hand
@@ -33,7 +33,7 @@ class Bug2:
         self._boundary: Boundary | None = None
         self._offset = 0.0
 
-    def step(self, view: View) -> Move:
+    def step(self, view: BugView) -> Move:
         """To the goal; where something is hit, along it to the next place on the line that is closer to the goal."""
         if self._start is None:
             self._start = view.centre
@@ -52,7 +52,7 @@ class Bug2:
             return GiveUp("once round the obstacle, and the line to the goal was not met closer to it")
         return self._boundary.move(view)
 
-    def _off_line(self, view: View) -> float:
+    def _off_line(self, view: BugView) -> float:
         """Signed distance from the line through start and goal [m]."""
         assert self._start is not None
         line = view.goal.position - self._start
@@ -60,7 +60,7 @@ class Bug2:
         dx, dy = view.centre - self._start
         return float(line[0] * dy - line[1] * dx) / length
 
-    def trace(self, view: View) -> dict[str, Drawable]:
+    def trace(self, view: BugView) -> dict[str, Drawable]:
         """The m-line."""
         return {} if self._start is None else {"m_line": Lines((np.array([self._start, view.goal.position]),))}
 

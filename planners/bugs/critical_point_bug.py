@@ -14,7 +14,7 @@ import numpy as np
 from robocar.core import Array, Context
 from robocar.planners.bugs.local_planner import build_bug
 from robocar.planners.bugs.point_bug import PointBug
-from robocar.planners.bugs.view import Parameters, View
+from robocar.planners.bugs.view import BugParameters, BugView
 from robocar.planners.navigators.plan_and_follow import Reactive
 
 
@@ -23,7 +23,7 @@ class CriticalPointBug(PointBug):
 
     reason = "every sub-goal in sight has been visited"
 
-    def choose(self, view: View, candidates: Array) -> Array | None:
+    def choose(self, view: BugView, candidates: Array) -> Array | None:
         """The critical point: nearest to the goal and not yet visited."""
         left = [math.dist(q, view.goal.position) for q in candidates]
         for k in np.argsort(left, kind="stable"):
@@ -34,4 +34,4 @@ class CriticalPointBug(PointBug):
 
 def build(context: Context) -> Reactive:
     """Critical-PointBug for the context's robot."""
-    return build_bug(context, CriticalPointBug(context.parameters_of(Parameters).looks))
+    return build_bug(context, CriticalPointBug(context.parameters_of(BugParameters).looks))

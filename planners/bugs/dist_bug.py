@@ -15,7 +15,7 @@ from robocar.core import Array, Context, GiveUp, Lines
 from robocar.core.trace import Drawable
 from robocar.planners.bugs.local_planner import build_bug
 from robocar.planners.bugs.motion import Boundary, nearer_side
-from robocar.planners.bugs.view import HIT, LEAVE, LOOP, LOOP_LENGTH, Move, To, View
+from robocar.planners.bugs.view import HIT, LEAVE, LOOP, LOOP_LENGTH, BugView, Move, To
 from robocar.planners.navigators.plan_and_follow import Reactive
 
 _STEP = 0.2  # [m] the improvement that leaving has to promise
@@ -30,7 +30,7 @@ class DistBug:
     def reset(self) -> None:
         self._boundary: Boundary | None = None
 
-    def step(self, view: View) -> Move:
+    def step(self, view: BugView) -> Move:
         """To the goal; where something is hit, along it, starting to the side that takes the smaller turn."""
         if self._boundary is None:
             if view.goal_is_open(HIT):
@@ -48,7 +48,7 @@ class DistBug:
             return GiveUp("once round the obstacle, and no place on it led closer to the goal")
         return self._boundary.move(view)
 
-    def trace(self, view: View) -> dict[str, Drawable]:
+    def trace(self, view: BugView) -> dict[str, Drawable]:
         """The way that is free towards the goal."""
         free = view.free_way(view.goal_heading, view.goal_distance)
         end = view.centre + free * (view.goal.position - view.centre) / max(view.goal_distance, 1e-9)

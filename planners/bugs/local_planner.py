@@ -31,19 +31,19 @@ from robocar.core.trace import Drawable
 from robocar.planners.bugs.motion import Motion
 from robocar.planners.bugs.view import (
     Along,
+    BugParameters,
+    BugView,
     Move,
-    Parameters,
     Stand,
     Strategy,
     To,
-    View,
     first_free,
     free_way,
     narrow_gap,
     room_at,
 )
 from robocar.planners.navigators.plan_and_follow import Reactive
-from robocar.planners.tracking.open_points import Panorama, Surround, VirtualCircle, find_open_points, middle
+from robocar.planners.tracking.open_points import ScanPanorama, Surround, VirtualCircle, find_open_points, middle
 
 STOPPING_SHARE = 0.5  # of the goal's tolerance: the belief may be off
 NEW_HEADING = math.radians(10.0)  # a straight motion that differs by more is another iteration
@@ -61,8 +61,8 @@ class Bug:
         ParameterError: the robot does not look all round closely enough.
     """
 
-    def __init__(self, robot: Robot, strategy: Strategy, parameters: Parameters | None = None) -> None:
-        self.parameters = p = parameters or Parameters()
+    def __init__(self, robot: Robot, strategy: Strategy, parameters: BugParameters | None = None) -> None:
+        self.parameters = p = parameters or BugParameters()
         self.circle = VirtualCircle.of(robot.footprint, p.safety_constant)
         self.strategy = strategy
         self._motion = Motion(robot, p)
@@ -80,7 +80,7 @@ class Bug:
 
     def _forget(self) -> None:
         self.iterations = self.turns = 0
-        self._panorama: Panorama | None = None
+        self._panorama: ScanPanorama | None = None
         self._hits = np.empty((0, 2))
         self._counted: Array | float | None = None
         self._note = ""
@@ -104,7 +104,7 @@ class Bug:
         centre = self.circle.centre(pose)
         if math.dist(centre, goal.position) <= STOPPING_SHARE * goal.xy_goal_tolerance:
             return Drive(self._align(pose, goal, observation.time))
-        view = View(
+        view = BugView(
             observation.time,
             pose,
             centre,
@@ -128,7 +128,7 @@ class Bug:
         trace |= self._said(_BACKING if self._motion.backing else "")
         return Drive(twist, trace=trace)
 
-    def _twist(self, move: To | Along | Stand, view: View) -> Twist:
+    def _twist(self, move: To | Along | Stand, view: BugView) -> Twist:
         motion, time = self._motion, view.time
         if isinstance(move, Stand):
             return motion.stand(time)
@@ -177,11 +177,11 @@ def _warm_up(motion: Motion) -> None:
     for heading in (0.0, 2.0):
         motion.drive(SE2(), points, heading, 1.0, 0.1, 0.0)
     origin, bearings, ranges = (frozen_array(v) for v in (np.zeros(2), np.linspace(0.0, 6.0, 60), np.linspace(1.0, 6.0, 60)))
-    panorama = Panorama(0.0, origin, bearings, ranges, 6.0, 0.1)
+    panorama = ScanPanorama(0.0, origin, bearings, ranges, 6.0, 0.1)
     panorama.hits()
     find_open_points(middle([panorama, panorama]), 0.2, 0.01)
 
 
 def build_bug(context: Context, strategy: Strategy) -> Reactive:
     """The navigator: the bug with this strategy for the context's robot, with its parameters."""
-    return Reactive(Bug(context.robot, strategy, context.parameters_of(Parameters)))
+    return Reactive(Bug(context.robot, strategy, context.parameters_of(BugParameters)))

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from robocar.core import SE2, Array, Robot, Twist, wrap_angle
-from robocar.planners.bugs.view import HIT, Along, Move, Parameters, Stand, View, first_free
+from robocar.planners.bugs.view import HIT, Along, BugParameters, BugView, Move, Stand, first_free
 
 _TURN_FROM = math.radians(25.0)  # a larger error of the heading is turned away on the spot, down to ...
 _TURN_TO = math.radians(2.0)
@@ -56,7 +56,7 @@ def _turn(points: Array, front: float, rear: float, half: float, angle: float) -
 class Motion:
     """Turns on the spot, then drives straight, guarded by the last scan."""
 
-    def __init__(self, robot: Robot, parameters: Parameters) -> None:
+    def __init__(self, robot: Robot, parameters: BugParameters) -> None:
         vertices = robot.footprint.vertices
         self._front, self._rear = float(vertices[:, 0].max()), float(-vertices[:, 0].min())
         self._half = float(np.abs(vertices[:, 1]).max())
@@ -194,7 +194,7 @@ class Boundary:
         self._last: Array | None = None
         self._reference, self._moved = heading, 0.0
 
-    def move(self, view: View) -> Move:
+    def move(self, view: BugView) -> Move:
         """The next straight motion; stands where the circle cannot move at all."""
         if self._last is not None:
             way = math.dist(self._last, view.centre)
@@ -212,7 +212,7 @@ class Boundary:
         return Stand()
 
 
-def nearer_side(view: View) -> int:
+def nearer_side(view: BugView) -> int:
     """On which hand an obstacle ahead will be when it is followed by turning the least: +1 left, -1 right."""
     x, y = view.centre
     turns = []

@@ -14,9 +14,9 @@ import numpy as np
 from robocar.core import Array, Context, GiveUp, Points, wrap_angle
 from robocar.core.trace import Drawable
 from robocar.planners.bugs.local_planner import build_bug
-from robocar.planners.bugs.view import ARRIVED, Move, Parameters, Stand, To, View
+from robocar.planners.bugs.view import ARRIVED, BugParameters, BugView, Move, Stand, To
 from robocar.planners.navigators.plan_and_follow import Reactive
-from robocar.planners.tracking.open_points import Lookout, OpenPoint, Panorama, find_open_points
+from robocar.planners.tracking.open_points import Lookout, OpenPoint, ScanPanorama, find_open_points
 
 _SAME = 0.10  # [m] sub-goals nearer to each other are one
 _AGAIN = 3  # times at the same sub-goal: it goes in circles
@@ -35,7 +35,7 @@ class PointBug:
         self.visited: list[Array] = []
         self.open_points: list[OpenPoint] = []
 
-    def step(self, view: View) -> Move:
+    def step(self, view: BugView) -> Move:
         """To the goal if nothing stands in the way, else look and choose."""
         if view.goal_in_sight() and not view.blocked:
             self._target = None
@@ -54,14 +54,14 @@ class PointBug:
 
     reason = "no sudden point leads on"
 
-    def _candidates(self, view: View, panorama: Panorama) -> Array:
+    def _candidates(self, view: BugView, panorama: ScanPanorama) -> Array:
         """Sub-goals of what is seen, (n, 2) [m]."""
         p = view.parameters
         found = find_open_points(panorama, p.range_jump, p.range_std)
         self.open_points = [point for point in found if point.sure] or found
         return np.array([point.subgoal(view.circle.radius) for point in self.open_points]).reshape(-1, 2)
 
-    def choose(self, view: View, candidates: Array) -> Array | None:
+    def choose(self, view: BugView, candidates: Array) -> Array | None:
         """The one whose bearing is nearest to the goal's; not the last one, nor one where it has been too often."""
         turns = [abs(wrap_angle(view.heading_to(q) - view.goal_heading)) for q in candidates]
         for k in np.argsort(turns, kind="stable"):
@@ -74,7 +74,7 @@ class PointBug:
         """How often it has been there."""
         return sum(math.dist(point, visited) < _SAME for visited in self.visited)
 
-    def trace(self, view: View) -> dict[str, Drawable]:
+    def trace(self, view: BugView) -> dict[str, Drawable]:
         """Open points and where it has been."""
         drawn: dict[str, Drawable] = {
             "open_points": Points(np.array([p.position for p in self.open_points]).reshape(-1, 2), color=(230, 60, 60)),
@@ -85,4 +85,4 @@ class PointBug:
 
 def build(context: Context) -> Reactive:
     """PointBug for the context's robot."""
-    return build_bug(context, PointBug(context.parameters_of(Parameters).looks))
+    return build_bug(context, PointBug(context.parameters_of(BugParameters).looks))

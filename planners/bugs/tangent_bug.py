@@ -15,7 +15,7 @@ from robocar.core import Array, Context, GiveUp, Points, wrap_angle
 from robocar.core.trace import Drawable
 from robocar.planners.bugs.local_planner import build_bug
 from robocar.planners.bugs.motion import Boundary, nearer_side
-from robocar.planners.bugs.view import ARRIVED, LOOP, LOOP_LENGTH, Move, To, View
+from robocar.planners.bugs.view import ARRIVED, LOOP, LOOP_LENGTH, BugView, Move, To
 from robocar.planners.navigators.plan_and_follow import Reactive
 
 _CLOSER = 0.05  # [m] the improvement that counts
@@ -33,7 +33,7 @@ class TangentBug:
         self._boundary: Boundary | None = None
         self._nodes = np.empty((0, 2))
 
-    def step(self, view: View) -> Move:
+    def step(self, view: BugView) -> Move:
         """Motion to the goal over nodes that are closer to it; where there is none, along the boundary to where there is."""
         if view.goal_in_sight():
             self._node = self._boundary = None
@@ -65,7 +65,7 @@ class TangentBug:
             return GiveUp("once round the boundary, and nothing in sight was closer to the goal than the boundary is")
         return self._boundary.move(view)
 
-    def _follow(self, view: View) -> None:
+    def _follow(self, view: BugView) -> None:
         """At a local minimum of the distance: along the boundary, to the side of the best node."""
         side = nearer_side(view)
         if len(self._nodes):
@@ -76,17 +76,17 @@ class TangentBug:
         self._hit: Array = view.centre
         self._followed = math.inf
 
-    def _visible(self, view: View) -> Array:
+    def _visible(self, view: BugView) -> Array:
         """Nodes that can be driven to straight, (n, 2) [m]."""
         subgoals = [point.subgoal(view.circle.radius) for point in view.open_points()]
         return np.array([q for q in subgoals if view.reachable(q)]).reshape(-1, 2)
 
-    def _sensed(self, view: View) -> float:
+    def _sensed(self, view: BugView) -> float:
         """d_followed: from the goal to the nearest point of the boundary beside the robot [m]."""
         near = np.linalg.norm(view.hits - view.centre, axis=1) < view.circle.radius + _FOLLOWED
         return float(np.linalg.norm(view.hits[near] - view.goal.position, axis=1).min(initial=math.inf))
 
-    def trace(self, view: View) -> dict[str, Drawable]:
+    def trace(self, view: BugView) -> dict[str, Drawable]:
         """Nodes of the local tangent graph."""
         return {"nodes": Points(self._nodes, radius=0.02)}
 

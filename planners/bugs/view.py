@@ -11,7 +11,7 @@ from numba import njit
 
 from robocar.core import SE2, Array, GiveUp, Goal
 from robocar.core.trace import Drawable
-from robocar.planners.tracking.open_points import OpenPoint, Panorama, VirtualCircle, find_open_points
+from robocar.planners.tracking.open_points import OpenPoint, ScanPanorama, VirtualCircle, find_open_points
 
 ARRIVED = 0.03  # [m] at a sub-goal
 HIT = 0.12  # [m] a way that is free no farther has hit an obstacle; from ...
@@ -23,7 +23,7 @@ _SQUEEZE = 0.98  # what lies inside a disc already counts as touching it, and no
 
 
 @dataclass(frozen=True, slots=True)
-class Parameters:
+class BugParameters:
     """One set for all bugs; names are Nav2's where it has them.
 
     Args:
@@ -56,7 +56,7 @@ class Parameters:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
+class BugView:
     """What a bug knows when it decides.
 
     Args:
@@ -69,13 +69,13 @@ class View:
     time: float
     pose: SE2
     centre: Array
-    panorama: Panorama
+    panorama: ScanPanorama
     hits: Array
     fresh: bool
     goal: Goal
     blocked: bool
     circle: VirtualCircle
-    parameters: Parameters
+    parameters: BugParameters
 
     @property
     def goal_distance(self) -> float:
@@ -152,11 +152,11 @@ class Strategy(Protocol):
 
     def reset(self) -> None: ...
 
-    def step(self, view: View) -> Move:
+    def step(self, view: BugView) -> Move:
         """The next motion; asked at every scan, while one is under way too."""
         ...
 
-    def trace(self, view: View) -> dict[str, Drawable]:
+    def trace(self, view: BugView) -> dict[str, Drawable]:
         """What it wants to be seen now."""
         ...
 

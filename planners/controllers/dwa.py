@@ -30,8 +30,7 @@ from robocar.core import (
     Robot,
     Trace,
 )
-from robocar.planners.controllers.steering import SLOWEST, Steering
-from robocar.planners.controllers.steering import Parameters as SteeringParameters
+from robocar.planners.controllers.steering import SLOWEST, Steering, SteeringParameters
 from robocar.planners.controllers.trajectory_costs import (
     CLOSE,
     COLLIDES,
@@ -51,7 +50,7 @@ from robocar.planners.controllers.trajectory_costs import (
 )
 from robocar.planners.costmap import layered as layered
 from robocar.planners.costmap.layered import safe_cost
-from robocar.planners.geometry.outlines import Outlines, View
+from robocar.planners.geometry.outlines import CostmapView, Outlines
 from robocar.planners.search.grid_search import LazyTrace
 from robocar.planners.tracking.moving_obstacles import MovingObstacles, met, near
 
@@ -62,7 +61,7 @@ LOCAL_COLOR = (44, 160, 44)
 
 
 @dataclass(frozen=True, slots=True)
-class Parameters:
+class DwaParameters:
     """Names are Nav2's (DWB's) where it has them.
 
     Args:
@@ -130,11 +129,11 @@ class DynamicWindow:
         self,
         robot: Robot,
         control_period: float,
-        parameters: Parameters | None = None,
+        parameters: DwaParameters | None = None,
         steering: SteeringParameters | None = None,
-        inflation: layered.Parameters | None = None,
+        inflation: layered.CostmapParameters | None = None,
     ) -> None:
-        self.parameters = p = parameters or Parameters()
+        self.parameters = p = parameters or DwaParameters()
         self._steering = Steering(robot, control_period, steering or SteeringParameters())
         self._footprint, self._inflation = robot.footprint, inflation
         self._steps = max(1, round(p.sim_time / p.sim_granularity))
@@ -189,7 +188,9 @@ class DynamicWindow:
         self._steering.resume(observation.time)
         return self._choice(views, here(views[0]), movers, costmap, observation.time)
 
-    def _choice(self, views: list[View], local: LocalPath, movers: Array, costmap: Costmap | None, time: float) -> Drive | None:
+    def _choice(
+        self, views: list[CostmapView], local: LocalPath, movers: Array, costmap: Costmap | None, time: float
+    ) -> Drive | None:
         """The cheapest of the samples; None where none is admissible."""
         for view in views:
             samples = self._window(local, view, movers)
@@ -201,7 +202,7 @@ class DynamicWindow:
                 return self._steering.drive(samples[best, 0] * view.resolution, samples[best, 1], trace)
         return None
 
-    def _window(self, local: LocalPath, view: View, movers: Array) -> Array:
+    def _window(self, local: LocalPath, view: CostmapView, movers: Array) -> Array:
         """The twists of V_s and V_d, (vx_samples * vtheta_samples, 2) [cells/s, rad/s]."""
         p, limits, last = self.parameters, self._steering.limits, self._steering.last
         reverse, hurry = len(movers) > 0, near(movers, view)
@@ -221,7 +222,7 @@ class DynamicWindow:
         samples[..., 1] = turns
         return samples.reshape(-1, 2)
 
-    def _best_scores(self, view: View, local: LocalPath, samples: Array, movers: Array) -> Array:
+    def _best_scores(self, view: CostmapView, local: LocalPath, samples: Array, movers: Array) -> Array:
         """Costs of all samples (n,), smaller is better, inf where not admissible.
 
         Among movers the car may also drive on for `_DODGE` only and then stop: beside them in an aisle there is no room for a
@@ -233,7 +234,7 @@ class DynamicWindow:
             scores = np.minimum(scores, self._score(view, local, samples, movers, brake))
         return scores
 
-    def _score(self, view: View, local: LocalPath, samples: Array, movers: Array, brake: int = NEVER) -> Array:
+    def _score(self, view: CostmapView, local: LocalPath, samples: Array, movers: Array, brake: int = NEVER) -> Array:
         """The costs if the car brakes from step `brake` on."""
         p, r = self.parameters, view.resolution
         distance = math.hypot(local.goal[0] - view.x, local.goal[1] - view.y) * r
@@ -273,16 +274,16 @@ class DynamicWindow:
         stops &= w <= np.sqrt(2.0 * terms[:, TURNED] * limits.acc_lim_theta)
         return np.where((hit & ~stops) | standing, math.inf, meets - objective)
 
-    def _start(self, view: View) -> Array:
+    def _start(self, view: CostmapView) -> Array:
         last = self._steering.last
         return np.array([view.x, view.y, view.theta, last.v / view.resolution, last.omega])
 
-    def _accelerations(self, view: View) -> Array:
+    def _accelerations(self, view: CostmapView) -> Array:
         limits = self._steering.limits
         return np.array([limits.acc_lim_x / view.resolution, limits.acc_lim_theta])
 
     def _trace(
-        self, view: View, local: LocalPath, samples: Array, scores: Array, best: int, costmap: Costmap | None, time: float
+        self, view: CostmapView, local: LocalPath, samples: Array, scores: Array, best: int, costmap: Costmap | None, time: float
     ) -> Trace:
         """What the recording shows, twice a second: candidates coloured by cost, the chosen trajectory, the local goal."""
         if time - self._drawn_at < DRAW_PERIOD:
@@ -320,7 +321,7 @@ def build(context: Context) -> DynamicWindow:
     return DynamicWindow(
         context.robot,
         context.control_period,
-        context.parameters_of(Parameters),
+        context.parameters_of(DwaParameters),
         context.parameters_of(SteeringParameters),
-        context.parameters_of(layered.Parameters),
+        context.parameters_of(layered.CostmapParameters),
     )

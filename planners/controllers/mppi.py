@@ -29,12 +29,11 @@ from robocar.core import (
     Trace,
 )
 from robocar.planners.controllers.dwa import DRAW_PERIOD, DRAWN, LOCAL_COLOR, thinned
-from robocar.planners.controllers.steering import SLOWEST, Steering
-from robocar.planners.controllers.steering import Parameters as SteeringParameters
+from robocar.planners.controllers.steering import SLOWEST, Steering, SteeringParameters
 from robocar.planners.controllers.trajectory_costs import LocalPath, PathFollower, here, outline_cost, path_distance, toward
 from robocar.planners.costmap import layered as layered
 from robocar.planners.costmap.layered import safe_cost
-from robocar.planners.geometry.outlines import Outlines, View
+from robocar.planners.geometry.outlines import CostmapView, Outlines
 from robocar.planners.search.grid_search import LazyTrace
 from robocar.planners.tracking.moving_obstacles import STAY, MovingObstacles, depth_later, encounter, met, near
 
@@ -45,7 +44,7 @@ _FAR_WORSE = 5.0  # of costs: more than what trajectories differ by that touch n
 
 
 @dataclass(frozen=True, slots=True)
-class Parameters:
+class MppiParameters:
     """Names are Nav2's where it has them.
 
     Args:
@@ -202,11 +201,11 @@ class MPPI:
         robot: Robot,
         control_period: float,
         rng: np.random.Generator,
-        parameters: Parameters | None = None,
+        parameters: MppiParameters | None = None,
         steering: SteeringParameters | None = None,
-        inflation: layered.Parameters | None = None,
+        inflation: layered.CostmapParameters | None = None,
     ) -> None:
-        self.parameters = parameters or Parameters()
+        self.parameters = parameters or MppiParameters()
         self._steering = Steering(robot, control_period, steering or SteeringParameters())
         self._footprint, self._inflation, self._dt = robot.footprint, inflation, control_period
         self._outlines = Outlines(robot.footprint, self._steering.parameters.footprint_padding)
@@ -270,7 +269,9 @@ class MPPI:
             self._mean[:] = 0.0
         return self._choice(views, here(views[0]), movers, costmap, observation.time)
 
-    def _choice(self, views: list[View], local: LocalPath, movers: Array, costmap: Costmap | None, time: float) -> Drive | None:
+    def _choice(
+        self, views: list[CostmapView], local: LocalPath, movers: Array, costmap: Costmap | None, time: float
+    ) -> Drive | None:
         """The weighted mean of the samples; None where all collide, or where to stand is best and nothing moves."""
         p, steering = self.parameters, self._steering
         noise = self._rng.standard_normal((p.batch_size, p.time_steps, 2))
@@ -298,7 +299,7 @@ class MPPI:
         self._mean[:] = 0.0
         return steering.drive(0.0, 0.0) if len(movers) else None  # until it has passed
 
-    def _sample(self, view: View, local: LocalPath, mean: Array, noise: Array, movers: Array) -> tuple[Array, Array]:
+    def _sample(self, view: CostmapView, local: LocalPath, mean: Array, noise: Array, movers: Array) -> tuple[Array, Array]:
         """`sample_costs` in the view; `mean` (steps, 2) in cells per second."""
         p, r, limits, last = self.parameters, view.resolution, self._steering.limits, self._steering.last
         fastest = self._steering.highest_speed(view, local.left * r, near(movers, view))
@@ -332,7 +333,9 @@ class MPPI:
         following = np.concatenate([controls[1:], controls[-1:]])
         return (1.0 - share) * controls + share * following
 
-    def _trace(self, view: View, totals: Array, controls: Array, mean: Array, costmap: Costmap | None, time: float) -> Trace:
+    def _trace(
+        self, view: CostmapView, totals: Array, controls: Array, mean: Array, costmap: Costmap | None, time: float
+    ) -> Trace:
         """What the recording shows, twice a second: samples coloured by cost, and the trajectory of their mean."""
         if time - self._drawn_at < DRAW_PERIOD:
             return {}
@@ -360,7 +363,7 @@ def build(context: Context) -> MPPI:
         context.robot,
         context.control_period,
         context.rng,
-        context.parameters_of(Parameters),
+        context.parameters_of(MppiParameters),
         context.parameters_of(SteeringParameters),
-        context.parameters_of(layered.Parameters),
+        context.parameters_of(layered.CostmapParameters),
     )

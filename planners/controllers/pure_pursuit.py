@@ -15,7 +15,7 @@ import numpy as np
 
 from robocar.core import SE2, Belief, Context, Costmap, Drive, Goal, Observation, Path, Points, Robot, Text, Twist
 from robocar.core.trace import Drawable
-from robocar.planners.geometry.outlines import Outlines, View
+from robocar.planners.geometry.outlines import CostmapView, Outlines
 from robocar.planners.geometry.polyline import nearest_on_path, point_ahead
 
 STOPPING_SHARE = 0.5
@@ -27,7 +27,7 @@ _SWERVE = 3.0  # [1/m] curvature of the arcs tried backwards
 
 
 @dataclass(frozen=True, slots=True)
-class Parameters:
+class PurePursuitParameters:
     """Names are Nav2's where it has them.
 
     Args:
@@ -84,8 +84,8 @@ class _Arc:
 class PurePursuit:
     """Path follower for a car that turns on the spot."""
 
-    def __init__(self, robot: Robot, control_period: float, parameters: Parameters | None = None) -> None:
-        self.parameters = parameters or Parameters()
+    def __init__(self, robot: Robot, control_period: float, parameters: PurePursuitParameters | None = None) -> None:
+        self.parameters = parameters or PurePursuitParameters()
         self._limits, self._dt = robot.limits, control_period
         self._outlines = Outlines(robot.footprint, self.parameters.footprint_padding)
         self._forget()
@@ -138,7 +138,7 @@ class PurePursuit:
         self._back_up_left = self.parameters.back_up_distance
         return self._back_up(views[-1], trace)
 
-    def _best_arc(self, view: View, pose: SE2) -> _Arc:
+    def _best_arc(self, view: CostmapView, pose: SE2) -> _Arc:
         """The arc to the carrot, or to a nearer one where it would touch something; if all do, the one that is free the
         longest."""
         lookahead = self.parameters.lookahead_dist
@@ -183,14 +183,14 @@ class PurePursuit:
         fastest = min(self.parameters.rotate_to_heading_angular_vel, self._limits.max_vel_theta)
         return math.copysign(min(fastest, math.sqrt(self._limits.acc_lim_theta * abs(angle))), angle)
 
-    def _turn(self, view: View, angle: float, trace: dict[str, Drawable]) -> Drive | None:
+    def _turn(self, view: CostmapView, angle: float, trace: dict[str, Drawable]) -> Drive | None:
         """On the spot by `angle` [rad], or the other way round; None where neither is free."""
         for way in (angle, angle - math.copysign(math.tau, angle)):
             if view.free_turn(way):
                 return self._drive(view, 0.0, self._turning_speed(way), trace)
         return None
 
-    def _align(self, view: View, pose: SE2, goal: Goal) -> Drive:
+    def _align(self, view: CostmapView, pose: SE2, goal: Goal) -> Drive:
         """At the goal: stand, or turn to its heading."""
         turn = 0.0 if goal.heading is None else math.remainder(goal.heading - pose.theta, math.tau)
         if abs(turn) <= STOPPING_SHARE * goal.yaw_goal_tolerance:
@@ -198,7 +198,7 @@ class PurePursuit:
         # turning as far as it goes would end in what is in the way: noise hides it now and then
         return self._turn(view, turn, {}) or self._back_up(view, {})
 
-    def _back_up(self, view: View, trace: dict[str, Drawable]) -> Drive:
+    def _back_up(self, view: CostmapView, trace: dict[str, Drawable]) -> Drive:
         """Out of where the car can neither go on nor turn: back on the freest of three arcs, else a little turn either way."""
         speed = min(self.parameters.back_up_speed, -self._limits.min_vel_x)
         self._back_up_left -= max(speed, 1e-3) * self._dt
@@ -212,7 +212,7 @@ class PurePursuit:
                 return self._drive(view, 0.0, self._turning_speed(angle), trace)
         return self._drive(view, 0.0, 0.0, trace | {"pure_pursuit": Text("blocked on all sides", "WARN")})
 
-    def _drive_arc(self, view: View, arc: _Arc, trace: dict[str, Drawable]) -> Drive:
+    def _drive_arc(self, view: CostmapView, arc: _Arc, trace: dict[str, Drawable]) -> Drive:
         """Along an arc: its curvature is kept while the car speeds up, and turning sets the pace where it takes longer."""
         reach = self._limits.acc_lim_theta * self._dt
         v = min(self._regulated(arc), self._last.v + self._limits.acc_lim_x * self._dt)
@@ -222,7 +222,7 @@ class PurePursuit:
             v = max(0.0, omega / arc.curvature, self._last.v - self._limits.acc_lim_x * self._dt)
         return self._drive(view, v, omega, trace)
 
-    def _drive(self, view: View, v: float, omega: float, trace: dict[str, Drawable] | None = None) -> Drive:
+    def _drive(self, view: CostmapView, v: float, omega: float, trace: dict[str, Drawable] | None = None) -> Drive:
         """The wanted twist within the accelerations, unless braking from it would end in an obstacle: then the car stops at once,
         and if it stands already, it backs up."""
         limits, dt, last = self._limits, self._dt, self._last
@@ -241,4 +241,4 @@ class PurePursuit:
 
 def build(context: Context) -> PurePursuit:
     """The follower for the context's robot, with its parameters."""
-    return PurePursuit(context.robot, context.control_period, context.parameters_of(Parameters))
+    return PurePursuit(context.robot, context.control_period, context.parameters_of(PurePursuitParameters))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from robocar.core import SE2, Command, Drive, GiveUp, Goal, Robot, Trace, Twist
 from robocar.planners.controllers.pure_pursuit import STOPPING_SHARE
-from robocar.planners.geometry.outlines import View
+from robocar.planners.geometry.outlines import CostmapView
 
 SLOWEST = 0.05  # [m/s] it drives up to the goal
 _HURRY = 2.0  # times the cautious speed
@@ -15,7 +15,7 @@ _ALIGNED = 0.2  # [rad] to the path, where a turn towards it ends
 
 
 @dataclass(frozen=True, slots=True)
-class Parameters:
+class SteeringParameters:
     """Names are Nav2's where it has them.
 
     Args:
@@ -51,7 +51,7 @@ class Steering:
         ValueError: the robot's limits are zero, crossed or not finite.
     """
 
-    def __init__(self, robot: Robot, control_period: float, parameters: Parameters) -> None:
+    def __init__(self, robot: Robot, control_period: float, parameters: SteeringParameters) -> None:
         limits = robot.limits
         for name in ("max_vel_x", "max_vel_theta", "acc_lim_x", "acc_lim_theta"):
             if not 0.0 < getattr(limits, name) < math.inf:
@@ -85,7 +85,7 @@ class Steering:
         self.last = Twist(float(v), float(omega))
         return Drive(self.last, trace=trace or {})
 
-    def at_goal(self, views: list[View], pose: SE2, goal: Goal) -> Drive | None:
+    def at_goal(self, views: list[CostmapView], pose: SE2, goal: Goal) -> Drive | None:
         """Well inside the goal's tolerance: stand, or turn to its heading; elsewhere None."""
         if math.hypot(goal.position[0] - pose.x, goal.position[1] - pose.y) > STOPPING_SHARE * goal.xy_goal_tolerance:
             return None
@@ -97,7 +97,7 @@ class Steering:
             turn = other
         return self.drive(0.0, self._turning_speed(turn))
 
-    def to_path(self, views: list[View], bearing: float) -> Drive | None:
+    def to_path(self, views: list[CostmapView], bearing: float) -> Drive | None:
         """A turn on the spot towards a path that leads away [rad], if there is room for it; else None."""
         self._turning = abs(bearing) > (_ALIGNED if self._turning else self.parameters.rotate_to_heading_min_angle)
         if self._turning:
@@ -107,7 +107,7 @@ class Steering:
                         return self.drive(0.0, self._turning_speed(angle))
         return None
 
-    def highest_speed(self, view: View, left: float, hurry: bool = False) -> float:
+    def highest_speed(self, view: CostmapView, left: float, hurry: bool = False) -> float:
         """The speed from which braking at `approach_deceleration` ends at the goal, `left` metres away; slow in tight places,
         less so where it has to `hurry` out of the way of what comes near [m/s]."""
         cautious = (_HURRY if hurry else 1.0) * self.parameters.cautious_vel

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from robocar.core import LETHAL, Array, Costmap, Path
 from robocar.planners.geometry.collision import footprint_free
 from robocar.planners.geometry.line_of_sight import segment_cost
-from robocar.planners.geometry.outlines import View
+from robocar.planners.geometry.outlines import CostmapView
 from robocar.planners.geometry.polyline import nearest_on_path, point_ahead
 from robocar.planners.tracking.moving_obstacles import STAY, depth_later, encounter
 
@@ -176,7 +176,7 @@ class LocalPath:
     left: float
 
 
-def here(view: View) -> LocalPath:
+def here(view: CostmapView) -> LocalPath:
     """Nowhere to go: for a robot that only gets out of the way."""
     place = np.array([view.x, view.y])
     return LocalPath(place[None], place, 0.0, 1.0 / view.resolution)
@@ -206,7 +206,7 @@ class PathFollower:
         self._segment = 0
 
     def ahead(
-        self, path: Path | None, end: Array, costmap: Costmap | None, view: View, lookahead: float, turn_ahead: float
+        self, path: Path | None, end: Array, costmap: Costmap | None, view: CostmapView, lookahead: float, turn_ahead: float
     ) -> LocalPath:
         """The path just ahead, in the grid coordinates of the view.
 

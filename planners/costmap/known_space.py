@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robocar.core import INSCRIBED, NO_INFORMATION, SE2, Array, Costmap, OccupancyGrid
-from robocar.planners.costmap.layered import Parameters, inflate
+from robocar.planners.costmap.layered import CostmapParameters, inflate
 from robocar.planners.search.grid_search import nearest_free
 
-_OPEN = Parameters(walled=False)  # a map in the making ends where it has been seen so far, not at a wall
-_CLOSED = Parameters(walled=False, allow_unknown=False)
+_OPEN = CostmapParameters(walled=False)  # a map in the making ends where it has been seen so far, not at a wall
+_CLOSED = CostmapParameters(walled=False, allow_unknown=False)
 UNSURE = 252
 """Cost of cells so near to the unknown that the robot's outline would reach into it: the highest that may be entered."""
 

@@ -15,7 +15,7 @@ from robocar.planners.costmap.obstacle_layer import HIT, commit, forget_disc, ma
 
 
 @dataclass(frozen=True, slots=True)
-class Parameters:
+class CostmapParameters:
     """Names are Nav2's where it has them.
 
     Args:
@@ -65,12 +65,12 @@ class Parameters:
                 raise ValueError(f"{name} must be positive, not {getattr(self, name)}")
 
 
-def inflate(occupancy: OccupancyGrid, inscribed_radius: float, parameters: Parameters | None = None) -> Costmap:
+def inflate(occupancy: OccupancyGrid, inscribed_radius: float, parameters: CostmapParameters | None = None) -> Costmap:
     """Costmap of a map for a robot of this inscribed radius [m]; see `inflation.inflation_kernel` for the costs.
 
-    Occupied cells are lethal; unknown cells are free, or 255 and inflated like obstacles (`Parameters.allow_unknown`).
+    Occupied cells are lethal; unknown cells are free, or 255 and inflated like obstacles (`CostmapParameters.allow_unknown`).
     """
-    parameters = parameters or Parameters()
+    parameters = parameters or CostmapParameters()
     solid = _solid(occupancy, parameters)
     costs = np.empty_like(solid)
     kernel = _kernel(occupancy.resolution, inscribed_radius, parameters)
@@ -78,25 +78,25 @@ def inflate(occupancy: OccupancyGrid, inscribed_radius: float, parameters: Param
     return Costmap(costs, occupancy.resolution, occupancy.origin)
 
 
-def _solid(occupancy: OccupancyGrid, parameters: Parameters) -> NDArray[np.uint8]:
+def _solid(occupancy: OccupancyGrid, parameters: CostmapParameters) -> NDArray[np.uint8]:
     solid = np.where(occupancy.occupied, LETHAL, 0).astype(np.uint8)
     if not parameters.allow_unknown:
         solid[occupancy.unknown] = NO_INFORMATION
     return solid
 
 
-def split_prior(prior: OccupancyGrid, p: Parameters) -> tuple[NDArray[np.uint8], float]:
-    """Obstacles of a prior map (254, unknown ones 255) on cells of at most `Parameters.resolution`, and their side [m]."""
+def split_prior(prior: OccupancyGrid, p: CostmapParameters) -> tuple[NDArray[np.uint8], float]:
+    """Obstacles of a prior map (254, unknown ones 255) on cells of at most `CostmapParameters.resolution`, and their side [m]."""
     split = math.ceil(prior.resolution / p.resolution - 1e-9)
     split = max(1, min(split | 1 if split > 1 else 1, math.isqrt(p.max_cells // prior.data.size)))
     return _solid(prior, p).repeat(split, axis=0).repeat(split, axis=1), prior.resolution / split
 
 
-def _kernel(resolution: float, inscribed_radius: float, p: Parameters) -> NDArray[np.uint8]:
+def _kernel(resolution: float, inscribed_radius: float, p: CostmapParameters) -> NDArray[np.uint8]:
     return inflation_kernel(resolution, inscribed_radius, p.margin, p.inflation_radius, p.cost_scaling_factor)
 
 
-def safe_cost(p: Parameters, footprint: Footprint, resolution: float) -> float:
+def safe_cost(p: CostmapParameters, footprint: Footprint, resolution: float) -> float:
     """A robot in a cell that costs less touches nothing, wherever in the cell it is and however it is turned.
 
     0 where the inflation does not reach that far: then no cost says so.
@@ -123,8 +123,8 @@ class LayeredCostmap:
         robot: for its inscribed radius.
     """
 
-    def __init__(self, prior: OccupancyGrid | None, robot: Robot, parameters: Parameters | None = None) -> None:
-        self.parameters = parameters or Parameters()
+    def __init__(self, prior: OccupancyGrid | None, robot: Robot, parameters: CostmapParameters | None = None) -> None:
+        self.parameters = parameters or CostmapParameters()
         self._prior = prior
         self._inscribed_radius = robot.footprint.inscribed_radius
         p = self.parameters
@@ -251,7 +251,7 @@ class LayeredCostmap:
 def _compile() -> None:
     """Compiles, or loads, what the control loop calls."""
     layer = object.__new__(LayeredCostmap)
-    layer.parameters, layer._prior, layer._inscribed_radius, layer.version = Parameters(), None, 0.1, 0
+    layer.parameters, layer._prior, layer._inscribed_radius, layer.version = CostmapParameters(), None, 0.1, 0
     layer._set_ground(np.zeros((3, 3), dtype=np.uint8), 1.0, SE2())
     for beam_width in (0.0, 0.3):
         layer._integrate(SE2(1.5, 1.5), Scan(0.0, np.array([1.0]), np.array([0.0]), 5.0, beam_width))

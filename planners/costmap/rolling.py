@@ -15,7 +15,7 @@ _SLACK = 1 / 8  # of the window's width, how far the robot goes from its middle 
 
 
 @dataclass(frozen=True, slots=True)
-class Parameters:
+class RollingCostmapParameters:
     """
     Args:
         local_width: of the square window, `width` and `height` of Nav2's local costmap [m].
@@ -43,10 +43,10 @@ class RollingCostmap(LayeredCostmap):
         self,
         prior: OccupancyGrid | None,
         robot: Robot,
-        layers: layered.Parameters | None = None,
-        parameters: Parameters | None = None,
+        layers: layered.CostmapParameters | None = None,
+        parameters: RollingCostmapParameters | None = None,
     ) -> None:
-        layers = layers or layered.Parameters()
+        layers = layers or layered.CostmapParameters()
         if prior is None:
             self._static = GridMap(np.zeros((1, 1), dtype=np.uint8), layers.resolution)
         else:
@@ -55,7 +55,7 @@ class RollingCostmap(LayeredCostmap):
             if layers.walled:
                 obstacles = np.pad(obstacles, 1, constant_values=LETHAL)
             self._static = GridMap(obstacles, resolution, prior.origin @ SE2(-edge, -edge))
-        self._cells = max(8, round((parameters or Parameters()).local_width / self._static.resolution))
+        self._cells = max(8, round((parameters or RollingCostmapParameters()).local_width / self._static.resolution))
         self._corner = (0, 0)  # of the window, (row, col) of the static map
         super().__init__(None, robot, layers)
 

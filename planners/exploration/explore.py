@@ -55,7 +55,7 @@ _GIVE_UP_REACH = 3  # [cells] around what was looked for in vain
 
 
 @dataclass(frozen=True, slots=True)
-class Parameters:
+class ExploreParameters:
     """
     Args:
         min_frontier_cells: smaller frontiers are not worth the way.
@@ -122,8 +122,10 @@ class Explore:
     explores = True
     """It draws a map: it needs a mapper and ignores the scenario's goal (`robocar.run`)."""
 
-    def __init__(self, robot: Robot, planner: GlobalPlanner, follower: PurePursuit, parameters: Parameters | None = None) -> None:
-        self.parameters = parameters or Parameters()
+    def __init__(
+        self, robot: Robot, planner: GlobalPlanner, follower: PurePursuit, parameters: ExploreParameters | None = None
+    ) -> None:
+        self.parameters = parameters or ExploreParameters()
         self._planner, self._follower = planner, follower
         self._outline = np.array(robot.footprint.vertices)
         self._radius = robot.footprint.inscribed_radius
@@ -377,4 +379,4 @@ def build(context: Context, planner: Callable[[Context], GlobalPlanner], followe
     The follower keeps more room and cuts corners less than in a world that is known: walls are seen to a few centimetres.
     """
     careful = replace(context, parameters=_CAREFUL | context.parameters)
-    return Explore(context.robot, planner(context), follower(careful), context.parameters_of(Parameters))
+    return Explore(context.robot, planner(context), follower(careful), context.parameters_of(ExploreParameters))

@@ -56,7 +56,7 @@ def free_turn(costs: NDArray, x: float, y: float, theta: float, angle: float, ve
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
+class CostmapView:
     """The costmap seen from the robot: pose in grid coordinates, outline in cells; None where the car seems to stand in an
     obstacle. `roomy`: whether the outline is padded, so that small errors of driving do no harm."""
 
@@ -97,10 +97,10 @@ class Outlines:
         self._outlines = [np.array(footprint.vertices * share) for share in shares]  # (n, 2) [m]
         self._resolution, self._in_cells = 1.0, self._outlines
 
-    def views(self, costmap: Costmap | None, pose: SE2) -> list[View]:
+    def views(self, costmap: Costmap | None, pose: SE2) -> list[CostmapView]:
         """The place with each outline that is free there, roomy ones first; None is a world without obstacles."""
         if costmap is None:
-            return [View(_NOTHING, 1.0, pose.x, pose.y, pose.theta, self._outlines[0])]
+            return [CostmapView(_NOTHING, 1.0, pose.x, pose.y, pose.theta, self._outlines[0])]
         resolution = costmap.resolution
         if resolution != self._resolution:
             self._resolution, self._in_cells = resolution, [outline / resolution for outline in self._outlines]
@@ -110,4 +110,4 @@ class Outlines:
         free = [outline for outline in (roomy, exact) if footprint_free(costmap.data, x, y, at.theta, outline)]
         if not free:
             free = [slim if footprint_free(costmap.data, x, y, at.theta, slim) else None]
-        return [View(costmap.data, resolution, x, y, at.theta, outline, outline is roomy) for outline in free]
+        return [CostmapView(costmap.data, resolution, x, y, at.theta, outline, outline is roomy) for outline in free]

@@ -40,7 +40,7 @@ from robocar.planners.search.grid_search import nearest_free
 
 
 @dataclass(frozen=True, slots=True)
-class Parameters:
+class HarmonicLocalParameters:
     """
     Args:
         horizon: how far down the gradient the car looks; what is seen there and blocks the way has the potential solved anew [m].
@@ -66,8 +66,8 @@ class HarmonicLocal:
         pursuit: steers along the streamline.
     """
 
-    def __init__(self, planner: Harmonic, pursuit: PurePursuit, parameters: Parameters | None = None) -> None:
-        self.parameters = parameters or Parameters()
+    def __init__(self, planner: Harmonic, pursuit: PurePursuit, parameters: HarmonicLocalParameters | None = None) -> None:
+        self.parameters = parameters or HarmonicLocalParameters()
         self.planner, self.pursuit = planner, pursuit
         self._forget()
 
@@ -138,6 +138,6 @@ def build(context: Context) -> PlanAndFollow:
     planner = harmonic.build(context)
 
     def local(context: Context) -> HarmonicLocal:
-        return HarmonicLocal(planner, pure_pursuit.build(context), context.parameters_of(Parameters))
+        return HarmonicLocal(planner, pure_pursuit.build(context), context.parameters_of(HarmonicLocalParameters))
 
     return plan_and_follow(context, lambda _: planner, local)

@@ -22,7 +22,7 @@ from robocar.planners.search.grid_search import LazyTrace, endpoints, no_path
 
 
 @dataclass(frozen=True, slots=True)
-class Parameters:
+class HarmonicParameters:
     """
     Args:
         wall_conductance: 1: walls absorb (Dirichlet, the paper's: paths down the middle); 0: they reflect (Neumann: shorter
@@ -62,8 +62,8 @@ class Harmonic:
     goal, not to a start: it is kept, used again for the next start, and is where the solver starts from when the map changes.
     """
 
-    def __init__(self, parameters: Parameters | None = None) -> None:
-        self.parameters = parameters or Parameters()
+    def __init__(self, parameters: HarmonicParameters | None = None) -> None:
+        self.parameters = parameters or HarmonicParameters()
         self._potential: Potential | None = None
         self._blocked: NDArray[np.bool_] | None = None
 
@@ -132,7 +132,7 @@ def _decades(potential: Potential) -> Array:
 def build(context: Context) -> Harmonic:
     """The planner with the parameters of the context."""
     _compile()
-    return Harmonic(context.parameters_of(Parameters))
+    return Harmonic(context.parameters_of(HarmonicParameters))
 
 
 @cache
@@ -141,6 +141,6 @@ def _compile() -> None:
     corridor, hall, changed = np.zeros((2, 9)), np.zeros((80, 80)), np.zeros((80, 80))
     changed[20:23, 20:23] = LETHAL
     for smooth in (True, False):
-        planner = Harmonic(Parameters(smooth=smooth))
+        planner = Harmonic(HarmonicParameters(smooth=smooth))
         for costs in (corridor, hall, changed):
             planner.plan(Costmap(costs, 1.0), np.array([1.5, 1.5]), np.array([len(costs.T) - 1.5, len(costs) - 0.5]))

@@ -42,8 +42,7 @@ from robocar.core.trace import PLAN_COLOR
 from robocar.planners.controllers.pure_pursuit import STOPPING_SHARE
 from robocar.planners.costmap import layered as layered
 from robocar.planners.costmap.layered import LayeredCostmap
-from robocar.planners.costmap.rolling import Parameters as RollingParameters
-from robocar.planners.costmap.rolling import RollingCostmap
+from robocar.planners.costmap.rolling import RollingCostmap, RollingCostmapParameters
 from robocar.planners.geometry.polyline import blocked_ahead, nearest_on_path
 from robocar.planners.navigators import recovery as behaviours
 from robocar.planners.navigators.recovery import Recovery, Watch, standing
@@ -54,7 +53,7 @@ _GOAL_SHIFT = 0.75  # of the goal's tolerance, the farthest that a blocked goal 
 
 
 @dataclass(frozen=True, slots=True)
-class Parameters:
+class NavigatorParameters:
     """
     Args:
         max_path_deviation: from the path; farther away it is planned anew [m].
@@ -98,11 +97,11 @@ class PlanAndFollow:
         global_planner: GlobalPlanner,
         local_planner: LocalPlanner,
         costmap: LayeredCostmap,
-        parameters: Parameters | None = None,
+        parameters: NavigatorParameters | None = None,
         local_costmap: RollingCostmap | None = None,
         recovery: Recovery | None = None,
     ) -> None:
-        self.parameters = parameters or Parameters()
+        self.parameters = parameters or NavigatorParameters()
         self.local_costmap, self.recovery = local_costmap, recovery
         self._watch = Watch(recovery.parameters) if recovery is not None else None
         self.global_planner, self.local_planner, self.costmap = global_planner, local_planner, costmap
@@ -341,10 +340,10 @@ def plan_and_follow(
     local_builder: Callable[[Context], LocalPlanner],
 ) -> PlanAndFollow:
     """The navigator of two factories `build(context)`, on a costmap of the context's prior map."""
-    costmap = LayeredCostmap(context.prior, context.robot, context.parameters_of(layered.Parameters))
+    costmap = LayeredCostmap(context.prior, context.robot, context.parameters_of(layered.CostmapParameters))
     if context.start is not None:
         costmap.cover([(context.start.x, context.start.y)])
-    return PlanAndFollow(global_builder(context), local_builder(context), costmap, context.parameters_of(Parameters))
+    return PlanAndFollow(global_builder(context), local_builder(context), costmap, context.parameters_of(NavigatorParameters))
 
 
 def plan_and_avoid(
@@ -355,7 +354,10 @@ def plan_and_avoid(
     """The same over two costmaps and with recovery behaviours, for local planners that look for their own way."""
     navigator = plan_and_follow(context, global_builder, local_builder)
     local = RollingCostmap(
-        context.prior, context.robot, context.parameters_of(layered.Parameters), context.parameters_of(RollingParameters)
+        context.prior,
+        context.robot,
+        context.parameters_of(layered.CostmapParameters),
+        context.parameters_of(RollingCostmapParameters),
     )
     recovery = behaviours.build(context)
     return PlanAndFollow(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robocar.core import SE2, STOP, Array, Context, Costmap, Drive, Observation, Robot, Text, Twist
-from robocar.planners.geometry.outlines import Outlines, View
+from robocar.planners.geometry.outlines import CostmapView, Outlines
 
 _ORDER = ("clear", "back_up", "spin", "wait")
 _SWERVE = 3.0  # [1/m] curvature of the arcs tried backwards, where straight back is not free
@@ -16,7 +16,7 @@ _STEADY = 0.3  # [s] a behaviour ends when it has had no free twist for so long
 
 
 @dataclass(frozen=True, slots=True)
-class Parameters:
+class RecoveryParameters:
     """Names are Nav2's where it has them.
 
     Args:
@@ -55,8 +55,8 @@ class Recovery:
     A behaviour that finds no room ends early; the caller then plans again, and asks for the next one where that fails.
     """
 
-    def __init__(self, robot: Robot, control_period: float, parameters: Parameters | None = None) -> None:
-        self.parameters = parameters or Parameters()
+    def __init__(self, robot: Robot, control_period: float, parameters: RecoveryParameters | None = None) -> None:
+        self.parameters = parameters or RecoveryParameters()
         self._limits, self._dt = robot.limits, control_period
         self._outlines = Outlines(robot.footprint, 0.0)
         self.forget()
@@ -119,7 +119,7 @@ class Recovery:
         self._last = Twist(min(max(twist.v, last.v - dv), last.v + dv), min(max(twist.omega, last.omega - dw), last.omega + dw))
         return Drive(self._last, trace={"recovery": Text(self.message, "WARN")})
 
-    def _back_up(self, pose: SE2, view: View, time: float) -> Twist | None:
+    def _back_up(self, pose: SE2, view: CostmapView, time: float) -> Twist | None:
         p = self.parameters
         speed = min(p.backup_speed, -self._limits.min_vel_x)
         left = p.backup_dist - pose.distance_to(self._start)
@@ -132,7 +132,7 @@ class Recovery:
         self._free_time = time
         return Twist(-speed, -curvature * speed)
 
-    def _spin(self, pose: SE2, view: View, time: float) -> Twist | None:
+    def _spin(self, pose: SE2, view: CostmapView, time: float) -> Twist | None:
         p = self.parameters
         self._turned += math.remainder(pose.theta - self._heading, math.tau)
         self._heading = pose.theta
@@ -146,7 +146,7 @@ class Recovery:
         self._free_time = time
         return Twist(0.0, self._way * min(p.rotational_vel, self._limits.max_vel_theta))
 
-    def _wait(self, pose: SE2, view: View, time: float) -> Twist | None:
+    def _wait(self, pose: SE2, view: CostmapView, time: float) -> Twist | None:
         return Twist() if time - self._time < self.parameters.wait_duration else None
 
     def _blocked(self, time: float) -> Twist | None:
@@ -156,7 +156,7 @@ class Recovery:
 class Watch:
     """Lost progress, and sensors that have stopped sending."""
 
-    def __init__(self, parameters: Parameters) -> None:
+    def __init__(self, parameters: RecoveryParameters) -> None:
         self.parameters = parameters
         self.forget()
 
@@ -187,7 +187,7 @@ class Watch:
 
 def build(context: Context) -> Recovery:
     """The behaviours for the context's robot, with their parameters."""
-    return Recovery(context.robot, context.control_period, context.parameters_of(Parameters))
+    return Recovery(context.robot, context.control_period, context.parameters_of(RecoveryParameters))
 
 
 def standing(message: str) -> Drive:

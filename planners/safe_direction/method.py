@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from robocar.core import SE2, Array, Robot
 from robocar.planners.safe_direction.fan import Choice, Fan, choose, directions, fan, shortest_direction
-from robocar.planners.safe_direction.view import Panorama, Readings, Sector, mark, window
+from robocar.planners.safe_direction.view import DirectionPanorama, Readings, Sector, mark, window
 from robocar.planners.search.transforms import METRICS, descend, goal_seeds, grown, nearest_blocked, obstacle_transform, spread
 
 DOUBT, DOUBT_SHARE = 0.1, 0.02  # [m, 1] by which a way may seem shorter than an earlier bound: errors of cells and readings
@@ -21,7 +21,7 @@ JOINED = 0.12  # [m] hits no farther apart are one surface; wider gaps that are 
 
 
 @dataclass(frozen=True, slots=True)
-class Parameters:
+class SafeDirectionParameters:
     """
     Args:
         alpha: the safety factor: 0 shortest, 1 safest (eq. 6).
@@ -123,7 +123,7 @@ class Directions:
     radius will do: it can pass straight.
     """
 
-    def __init__(self, robot: Robot, sector: Sector, parameters: Parameters) -> None:
+    def __init__(self, robot: Robot, sector: Sector, parameters: SafeDirectionParameters) -> None:
         self.sector, self.parameters = sector, parameters
         outline = robot.footprint
         self._growths = [
@@ -133,7 +133,7 @@ class Directions:
         self._body = self._growths[0] + _ROOM
         self._join = JOINED / parameters.resolution
 
-    def readings(self, pose: SE2, panorama: Panorama) -> Readings:
+    def readings(self, pose: SE2, panorama: DirectionPanorama) -> Readings:
         """The panorama on cells around `pose` (world_from_robot)."""
         p = self.parameters
         grid = window(pose, self.sector.reach, p.resolution)

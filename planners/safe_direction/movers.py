@@ -16,7 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robocar.core import SE2, Costmap, Observation, Robot, Twist
-from robocar.planners.geometry.outlines import Outlines, View
+from robocar.planners.geometry.outlines import CostmapView, Outlines
 from robocar.planners.safe_direction.view import Readings, leading_edges
 from robocar.planners.tracking.moving_obstacles import NONE, MovingObstacles
 
@@ -176,7 +176,7 @@ class Movers:
         """How much more than it must the car keeps off what moves, if it drives `free` at most [m]; inf if nothing moves."""
         return float(_least_gap(self._discs, pose.x, pose.y, pose.theta, twist.v, twist.omega, free))
 
-    def _free(self, view: View, twist: Twist) -> float:
+    def _free(self, view: CostmapView, twist: Twist) -> float:
         """How far surfaces leave an arc free, less the way to brake [m]; 0 for a turn that they do not."""
         if abs(twist.v) < 1e-6:
             return 0.0

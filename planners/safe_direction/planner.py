@@ -39,11 +39,11 @@ from robocar.planners.controllers.pure_pursuit import STOPPING_SHARE, PurePursui
 from robocar.planners.navigators.plan_and_follow import Reactive
 from robocar.planners.safe_direction.fan import Fan, fan
 from robocar.planners.safe_direction.memory import RollingMemory
-from robocar.planners.safe_direction.method import JOINED, Decision, Directions, Parameters
+from robocar.planners.safe_direction.method import JOINED, Decision, Directions, SafeDirectionParameters
 from robocar.planners.safe_direction.movers import Movers
-from robocar.planners.safe_direction.progress import Progress
+from robocar.planners.safe_direction.progress import SafeDirectionProgress
 from robocar.planners.safe_direction.trace import pictures
-from robocar.planners.safe_direction.view import Panorama, Readings, sector_of
+from robocar.planners.safe_direction.view import DirectionPanorama, Readings, sector_of
 from robocar.planners.search.grid_search import LazyTrace
 from robocar.planners.search.transforms import descend, obstacle_transform
 
@@ -73,15 +73,15 @@ class SafeDirection:
         period: float,
         pursuit: PurePursuit,
         memory: RollingMemory | None,
-        parameters: Parameters | None = None,
+        parameters: SafeDirectionParameters | None = None,
     ) -> None:
-        self.parameters = p = parameters or Parameters()
+        self.parameters = p = parameters or SafeDirectionParameters()
         self.robot, self.pursuit, self.memory, self._period = robot, pursuit, memory, period
         self.sector = sector_of(robot, p.view_angle, p.max_range)
         self.directions = Directions(robot, self.sector, p)
-        self.panorama = Panorama(self.sector, p.resolution, JOINED)
+        self.panorama = DirectionPanorama(self.sector, p.resolution, JOINED)
         self.movers = Movers(robot, p.obstacle_speed, p.padding, period)
-        self.progress = Progress(p, memory)
+        self.progress = SafeDirectionProgress(p, memory)
         self._forget()
         self._compile()
 
@@ -267,11 +267,11 @@ def build_with_memory(context: Context) -> Reactive:
 
 
 def _navigator(context: Context, remembers: bool) -> Reactive:
-    parameters, robot = context.parameters_of(Parameters), context.robot
+    parameters, robot = context.parameters_of(SafeDirectionParameters), context.robot
     sector_of(robot, parameters.view_angle, parameters.max_range)  # before anything is compiled
     sensors = (robot.lidar,) if robot.lidar is not None else robot.sonars
     period = max(context.control_period, *(sensor.period for sensor in sensors))
-    pursuit = PurePursuit(robot, period, context.parameters_of(pure_pursuit.Parameters))
+    pursuit = PurePursuit(robot, period, context.parameters_of(pure_pursuit.PurePursuitParameters))
     # A sonar's arcs are too coarse to be remembered: a few of them close every passage. Without a laser only the present counts.
     remembers = remembers and robot.lidar is not None
     memory = RollingMemory(parameters.memory_size, parameters.resolution) if remembers else None

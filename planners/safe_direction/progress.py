@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from robocar.core import SE2, STOP, Drive, GiveUp, Goal, Text
 from robocar.planners.safe_direction.memory import RollingMemory
-from robocar.planners.safe_direction.method import DOUBT, DOUBT_SHARE, Decision, Parameters
+from robocar.planners.safe_direction.method import DOUBT, DOUBT_SHARE, Decision, SafeDirectionParameters
 from robocar.planners.safe_direction.view import Readings
 
 _GROUND = 0.25  # [m] side of the squares that count as ground covered
@@ -19,14 +19,14 @@ _FORGET_PERIOD = 1.0  # [s] or the time between them, where the car stands
 _AS_NEAR = 0.10  # [m] from the nearest place to a blocked goal, where that counts as reached
 
 
-class Progress:
+class SafeDirectionProgress:
     """Of one drive to one goal.
 
     Args:
         memory: what is forgotten for want of a way; None where nothing is remembered.
     """
 
-    def __init__(self, parameters: Parameters, memory: RollingMemory | None) -> None:
+    def __init__(self, parameters: SafeDirectionParameters, memory: RollingMemory | None) -> None:
         self._parameters, self._memory = parameters, memory
         self.forget()
 

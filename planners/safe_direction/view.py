@@ -77,7 +77,7 @@ def sector_of(robot: Robot, view_angle: float, max_range: float) -> Sector:
     return Sector(min(view_angle, width), min(max_range, min(sonar.max_range for sonar in robot.sonars)))
 
 
-class Panorama:
+class DirectionPanorama:
     """What is seen from where the robot stands: for each direction in the map frame a distance from its centre.
 
     Only the last scan counts, as in the paper, and its predecessors from the same place: while the robot turns on the spot, its

@@ -21,7 +21,7 @@ _MOST_BUCKETS = 256  # along each side
 _HALVINGS = 4  # of a blocked step
 
 
-class Obstacles(NamedTuple):
+class TreeObstacles(NamedTuple):
     """What the tree must not touch: the collision check of every planner here.
 
     Args:
@@ -53,7 +53,7 @@ class Growth(NamedTuple):
 
 
 @njit(cache=True)
-def edge_cost(obstacles: Obstacles, x0: float, y0: float, x1: float, y1: float) -> float:
+def edge_cost(obstacles: TreeObstacles, x0: float, y0: float, x1: float, y1: float) -> float:
     """Cost of a straight segment, inf where it touches an obstacle: the line integral of 1 + c / 252 on a grid, else its length.
 
     Exact: no sampling along the segment.
@@ -123,7 +123,7 @@ def _nearest(nodes: Array, n: int, frame: Array, heads: NDArray, following: NDAr
 
 @njit(cache=True)
 def _extend(
-    obstacles: Obstacles, x0: float, y0: float, x1: float, y1: float, step: float, adaptive: bool
+    obstacles: TreeObstacles, x0: float, y0: float, x1: float, y1: float, step: float, adaptive: bool
 ) -> tuple[float, float, float]:
     """A step from a node towards a point: its end and cost, inf where it is blocked; then shorter ones if `adaptive`."""
     length = math.hypot(x1 - x0, y1 - y0)
@@ -151,7 +151,7 @@ def _way(nodes: Array, parents: NDArray, last: int) -> Array:
 
 @njit(cache=True)
 def grow(
-    obstacles: Obstacles, start: Array, goal: Array, step: float, tolerance: float, goal_bias: float, max_samples: int,
+    obstacles: TreeObstacles, start: Array, goal: Array, step: float, tolerance: float, goal_bias: float, max_samples: int,
     adaptive: bool, rng: np.random.Generator,
 ) -> Growth:  # fmt: skip
     """RRT (LaValle 1998; Table 1 of Izaty and Lubis): until a node within `tolerance` of the goal has a free way to it."""
@@ -196,7 +196,7 @@ def grow(
 
 @njit(cache=True)
 def connect(
-    obstacles: Obstacles, start: Array, goal: Array, step: float, max_samples: int, adaptive: bool, rng: np.random.Generator
+    obstacles: TreeObstacles, start: Array, goal: Array, step: float, max_samples: int, adaptive: bool, rng: np.random.Generator
 ) -> Growth:
     """RRT-Connect (Kuffner and LaValle 2000): trees from both ends; each new node is connected to greedily by the other tree."""
     bounds, size = obstacles.bounds, 1024
@@ -263,8 +263,8 @@ def connect(
 
 @njit(cache=True)
 def grow_star(
-    obstacles: Obstacles, start: Array, goal: Array, step: float, goal_bias: float, max_samples: int, adaptive: bool, area: float,
-    rng: np.random.Generator,
+    obstacles: TreeObstacles, start: Array, goal: Array, step: float, goal_bias: float, max_samples: int,
+    adaptive: bool, area: float, rng: np.random.Generator,
 ) -> Growth:  # fmt: skip
     """RRT* (Karaman and Frazzoli 2011, Algorithm 6): every new node takes the cheapest way from its neighbours and offers them
     its own; all samples are used. The goal is a node from its first sample on.
@@ -354,7 +354,7 @@ def grow_star(
 
 
 @njit(cache=True)
-def shortcut(obstacles: Obstacles, path: Array, tries: int, rng: np.random.Generator) -> Array:
+def shortcut(obstacles: TreeObstacles, path: Array, tries: int, rng: np.random.Generator) -> Array:
     """The path with straight segments between two random points of it wherever that costs less, (k, 2)."""
     points = path.copy()
     for _ in range(tries):

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from robocar.core import INSCRIBED, Array, BudgetExhausted, Context, Costmap, Footprint, Path, Plan, Segments, Trace
 from robocar.planners.costmap import layered as layered
 from robocar.planners.costmap.layered import safe_cost
-from robocar.planners.sampling.random_trees import Growth, Obstacles, connect, edge_cost, grow, grow_star, shortcut
+from robocar.planners.sampling.random_trees import Growth, TreeObstacles, connect, edge_cost, grow, grow_star, shortcut
 from robocar.planners.search.grid_search import LazyTrace, endpoints
 
 VARIANTS = ("rrt", "rrt-connect", "rrt-star")
@@ -23,7 +23,7 @@ TREE_COLOR = (70, 110, 230)
 
 
 @dataclass(frozen=True, slots=True)
-class Parameters:
+class RrtParameters:
     """
     Args:
         variant: `rrt`, `rrt-connect` or `rrt-star`.
@@ -60,7 +60,7 @@ class Parameters:
             raise ValueError(f"shortcuts must be from 0 to 1000000, not {self.shortcuts}")
 
 
-def circle_world(circles: ArrayLike, low: ArrayLike, high: ArrayLike) -> Obstacles:
+def circle_world(circles: ArrayLike, low: ArrayLike, high: ArrayLike) -> TreeObstacles:
     """A world without a grid: circles (n, 3) as x, y, radius, sampled between the corners `low` and `high`, both (2,)."""
     circles = np.array(circles, dtype=float).reshape(-1, 3)
     bounds = np.concatenate([np.asarray(low, dtype=float), np.asarray(high, dtype=float)])
@@ -68,14 +68,14 @@ def circle_world(circles: ArrayLike, low: ArrayLike, high: ArrayLike) -> Obstacl
         raise ValueError("circles need finite centres and radii that are not negative")
     if not (np.all(np.isfinite(bounds)) and np.all(bounds[2:] > bounds[:2])):
         raise ValueError(f"the corners must span an area, not {bounds.tolist()}")
-    return Obstacles(_read_only(np.zeros((0, 0), dtype=np.uint8)), circles, bounds)
+    return TreeObstacles(_read_only(np.zeros((0, 0), dtype=np.uint8)), circles, bounds)
 
 
-def costmap_world(costmap: Costmap) -> Obstacles:
+def costmap_world(costmap: Costmap) -> TreeObstacles:
     """The blocked cells of a costmap, in grid coordinates."""
     rows, cols = costmap.shape
     costs = _read_only(np.ascontiguousarray(costmap.data).view())
-    return Obstacles(costs, np.zeros((0, 3)), np.array([0.0, 0.0, cols, rows]))
+    return TreeObstacles(costs, np.zeros((0, 3)), np.array([0.0, 0.0, cols, rows]))
 
 
 def _read_only(array: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -84,7 +84,9 @@ def _read_only(array: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return array
 
 
-def search(obstacles: Obstacles, start: ArrayLike, goal: ArrayLike, parameters: Parameters, rng: np.random.Generator) -> Growth:
+def search(
+    obstacles: TreeObstacles, start: ArrayLike, goal: ArrayLike, parameters: RrtParameters, rng: np.random.Generator
+) -> Growth:
     """One search in the obstacles' own coordinates and units, the `step` and `goal_tolerance` of the parameters too.
 
     Args:
@@ -122,12 +124,12 @@ class RRT:
     def __init__(
         self,
         rng: np.random.Generator,
-        parameters: Parameters | None = None,
+        parameters: RrtParameters | None = None,
         footprint: Footprint | None = None,
-        inflation: layered.Parameters | None = None,
+        inflation: layered.CostmapParameters | None = None,
     ) -> None:
         """`footprint` and `inflation` say at which costs the car can turn; without them every way is as good as a roomy one."""
-        self.parameters = parameters or Parameters()
+        self.parameters = parameters or RrtParameters()
         self._footprint, self._inflation = footprint, inflation
         self._rng = np.random.default_rng(0)
         self.plan(Costmap(np.zeros((9, 9), dtype=np.uint8), 1.0), np.array([0.5, 0.5]), np.array([8.0, 8.0]))  # compiles
@@ -169,7 +171,7 @@ class RRT:
         points[0], points[-1] = start, goal
         return Plan(Path(points), path_cost(obstacles, grown.path) * resolution, samples, trace)
 
-    def _roomy(self, costmap: Costmap, start: Array, goal: Array) -> Obstacles | None:
+    def _roomy(self, costmap: Costmap, start: Array, goal: Array) -> TreeObstacles | None:
         """The world without cells where the car could not turn; None where start or goal (2,) [cells] are such cells."""
         if not self.parameters.roomy or self._footprint is None or self._inflation is None:
             return None
@@ -182,7 +184,7 @@ class RRT:
         return costmap_world(Costmap(costs, costmap.resolution, costmap.origin))
 
 
-def path_cost(obstacles: Obstacles, path: Array) -> float:
+def path_cost(obstacles: TreeObstacles, path: Array) -> float:
     """Cost of a polyline (n, 2), inf where it touches something."""
     return sum(edge_cost(obstacles, *a, *b) for a, b in zip(path[:-1].tolist(), path[1:].tolist(), strict=True))
 
@@ -198,5 +200,5 @@ def _tree_trace(costmap: Costmap, grown: Growth) -> Trace:
 
 def build(context: Context) -> RRT:
     """The planner with the context's parameters and random generator."""
-    inflation = context.parameters_of(layered.Parameters)
-    return RRT(context.rng, context.parameters_of(Parameters), context.robot.footprint, inflation)
+    inflation = context.parameters_of(layered.CostmapParameters)
+    return RRT(context.rng, context.parameters_of(RrtParameters), context.robot.footprint, inflation)

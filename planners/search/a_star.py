@@ -37,7 +37,7 @@ _BUCKET_BITS = 20  # a bucket holds f to f + 2**20, 0.36 of a free cell: the fas
 
 
 @dataclass(frozen=True, slots=True)
-class Parameters:
+class AStarParameters:
     """
     Args:
         metric: `octile`: steps 1 and sqrt 2, heuristic the octile distance, which makes the path optimal; `thesis`: steps 10 and
@@ -223,8 +223,8 @@ class AStar:
     cell); `Plan.trace["search"]` is the heat map of the search. Memory: 18 bytes a cell, and 8 for each entry of the open list.
     """
 
-    def __init__(self, parameters: Parameters | None = None) -> None:
-        self.parameters = parameters = parameters or Parameters()
+    def __init__(self, parameters: AStarParameters | None = None) -> None:
+        self.parameters = parameters = parameters or AStarParameters()
         if parameters.metric == "octile":
             straight, diagonal, h_straight, h_diagonal = STRAIGHT, DIAGONAL, STRAIGHT, DIAGONAL
         else:  # 10, 14, 10 (|drow| + |dcol|), 574 times over, so that the scale is that of the octile metric
@@ -284,4 +284,4 @@ class AStar:
 
 def build(context: Context) -> AStar:
     """A* with the context's parameters `metric` and `weight`."""
-    return AStar(context.parameters_of(Parameters))
+    return AStar(context.parameters_of(AStarParameters))

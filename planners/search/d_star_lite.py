@@ -31,7 +31,7 @@ from robocar.planners.search.grid_search import (
 
 
 @dataclass(frozen=True, slots=True)
-class Parameters:
+class DStarLiteParameters:
     """
     Args:
         restart_fraction: when more than this share of the map's cells changes at once, the search starts over, which is then
@@ -276,13 +276,13 @@ def _follow(start: Integer, goal: Integer, width: Integer, cost: NDArray[np.uint
 class DStarLite:
     """Shortest paths on a changing costmap: `plan` compares the costmap with the last one and repairs the search.
 
-    It starts over where the goal or the place of the grid changes, or too much at once (`Parameters`). `Plan.cost` is the cost
-    of the steps from the start's to the goal's cell [m], the same as A*'s; `Plan.expanded` and the heat map `search` are those of
-    this replanning alone. Memory: 43 bytes a cell with the costmap that it keeps to compare.
+    It starts over where the goal or the place of the grid changes, or too much at once (`DStarLiteParameters`). `Plan.cost` is
+    the cost of the steps from the start's to the goal's cell [m], the same as A*'s; `Plan.expanded` and the heat map `search` are
+    those of this replanning alone. Memory: 43 bytes a cell with the costmap that it keeps to compare.
     """
 
-    def __init__(self, parameters: Parameters | None = None) -> None:
-        self.parameters = parameters or Parameters()
+    def __init__(self, parameters: DStarLiteParameters | None = None) -> None:
+        self.parameters = parameters or DStarLiteParameters()
         self._costmap: Costmap | None = None
         # Compiled here, not in the control loop: a plan and a repair.
         for costs in ([[0] * 8], [[0] * 7 + [1]]):
@@ -360,4 +360,4 @@ class DStarLite:
 
 def build(context: Context) -> DStarLite:
     """D* Lite with the context's parameter `restart_fraction`."""
-    return DStarLite(context.parameters_of(Parameters))
+    return DStarLite(context.parameters_of(DStarLiteParameters))

@@ -51,7 +51,7 @@ from robocar.planners.search.obstacle_memory import ObstacleMemory
 
 
 @dataclass(frozen=True, slots=True)
-class Parameters:
+class DynamicAStarParameters:
     """
     Args:
         metric: of the A* search, see `robocar.planners.search.a_star`: `octile`, or `thesis` for its Manhattan heuristic.
@@ -87,7 +87,7 @@ class Parameters:
                 raise ValueError(f"{name} must not be negative, not {getattr(self, name)}")
 
 
-class Lattice:
+class CarLattice:
     """The 30 cm cells: centred in the prior map, or, without one, with a cell centre under the start."""
 
     def __init__(self, cell_size: float, prior: OccupancyGrid | None, start: SE2, goal: Array) -> None:
@@ -123,18 +123,18 @@ class DynamicAStar:
         self._robot: Robot = context.robot
         self._prior = context.prior
         self._period = context.control_period
-        self._parameters = context.parameters_of(Parameters)
+        self._parameters = context.parameters_of(DynamicAStarParameters)
         self._footprint = context.robot.footprint
         self._keep(self._parameters.margin)
         looks_sideways = any(abs(math.sin(s.robot_from_sensor.theta)) > 0.7 for s in context.robot.sonars)
         sees_around = looks_sideways or context.robot.lidar is not None
         self._look_around = {"always": True, "never": False, "auto": not sees_around}[self._parameters.look_around]
-        self._search = a_star.AStar(a_star.Parameters(metric=self._parameters.metric))
+        self._search = a_star.AStar(a_star.AStarParameters(metric=self._parameters.metric))
         ObstacleMemory(SE2(), (0.1, 0.1), None, 0.0)  # compiles its kernels here, not in the control loop
         self.reset(context.rng)
 
     def reset(self, rng: np.random.Generator) -> None:
-        self._lattice: Lattice | None = None
+        self._lattice: CarLattice | None = None
         self._memory: ObstacleMemory | None = None
         self._shown: OccupancyGrid | None = None
         self._blocked = np.zeros((0, 0), dtype=bool)
@@ -181,7 +181,7 @@ class DynamicAStar:
 
     def _prepare(self, pose: SE2, goal: Goal) -> ObstacleMemory:
         if self._lattice is None or self._memory is None:
-            lattice = Lattice(self._parameters.cell_size, self._prior, pose, goal.position)
+            lattice = CarLattice(self._parameters.cell_size, self._prior, pose, goal.position)
             if self._prior is not None:
                 origin, extent = self._prior.origin, self._prior.size
             else:

@@ -109,7 +109,7 @@ class ObstacleMemory:
         self, world_from_lattice: SE2, extent: tuple[float, float], prior: OccupancyGrid | None, tolerance: float
     ) -> None:
         """`extent` is the size along the lattice's axes [m]; a prior has the lattice's frame and extent; `tolerance` see
-        `robocar.planners.search.dynamic_a_star.Parameters.prior_tolerance`."""
+        `robocar.planners.search.dynamic_a_star.DynamicAStarParameters.prior_tolerance`."""
         self.resolution = FINE
         if prior is not None:
             split = max(1, math.ceil(prior.resolution / FINE - 1e-9))

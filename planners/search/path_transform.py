@@ -19,7 +19,7 @@ from robocar.planners.search.transforms import descend
 
 
 @dataclass(frozen=True, slots=True)
-class Parameters:
+class PathTransformParameters:
     """
     Args:
         weight: alpha of the paper: what a cell at an obstacle costs, in cells of way; 0 is the distance transform.
@@ -43,8 +43,8 @@ class PathTransform:
     plans is the path transform at the start, in metres; `expanded` counts the cells that the transform reached.
     """
 
-    def __init__(self, parameters: Parameters | None = None) -> None:
-        self.parameters = parameters or Parameters()
+    def __init__(self, parameters: PathTransformParameters | None = None) -> None:
+        self.parameters = parameters or PathTransformParameters()
 
     def reset(self, rng: np.random.Generator) -> None:
         """There is nothing to forget."""
@@ -73,7 +73,7 @@ class PathTransform:
 
 def build(context: Context) -> PathTransform:
     """The planner with the parameters of the context."""
-    planner = PathTransform(context.parameters_of(Parameters))
+    planner = PathTransform(context.parameters_of(PathTransformParameters))
     costs = np.zeros((4, 4), dtype=np.uint8)
     costs[1, 1] = LETHAL
     planner.plan(Costmap(costs, 1.0), np.array([0.5, 0.5]), np.array([3.5, 3.5]))  # compiles here, not in the control loop

@@ -34,7 +34,7 @@ _ROUNDING = 1.0 + 1e-12  # of two equal costs that were added up in different wa
 
 
 @dataclass(frozen=True, slots=True)
-class Parameters:
+class ThetaStarParameters:
     """
     Args:
         weight: of the heuristic, the straight-line distance: 0 searches in all directions, above 1 is faster and less short.
@@ -156,8 +156,8 @@ class ThetaStar:
     `Plan.expanded` counts both searches; the heat map is that of Theta*. Memory: 39 bytes a cell and the open list.
     """
 
-    def __init__(self, parameters: Parameters | None = None) -> None:
-        self.parameters = parameters or Parameters()
+    def __init__(self, parameters: ThetaStarParameters | None = None) -> None:
+        self.parameters = parameters or ThetaStarParameters()
         self._a_star = AStar()
         self._shape = (0, 0)
         # Compiled here, not in the control loop.
@@ -222,4 +222,4 @@ def _length(points: Array) -> float:
 
 def build(context: Context) -> ThetaStar:
     """Theta* with the context's parameter `weight`."""
-    return ThetaStar(context.parameters_of(Parameters))
+    return ThetaStar(context.parameters_of(ThetaStarParameters))

@@ -14,10 +14,10 @@ import numpy as np
 from numba import njit
 
 from robocar.core import SE2, Array, Costmap, Observation, Robot, frozen_array
-from robocar.planners.geometry.outlines import View
+from robocar.planners.geometry.outlines import CostmapView
 from robocar.planners.tracking.kernel import line
-from robocar.planners.tracking.open_points import Panorama
-from robocar.planners.tracking.tracker import Kind, Obstacles, Tracked
+from robocar.planners.tracking.open_points import ScanPanorama
+from robocar.planners.tracking.tracker import Kind, ObstacleTracker, Tracked
 
 _MAX_WIDTH, _MAX_DISTANCE = 0.8, 4.0  # [m] of what is followed: walls do not move
 _ROOM = 0.1  # [m] kept free around them
@@ -43,7 +43,7 @@ class MovingObstacles:
 
     def __init__(self, robot: Robot) -> None:
         self._radius = robot.footprint.circumscribed_radius
-        self._tracker = Obstacles(_MAX_WIDTH, _MAX_DISTANCE) if robot.lidar is not None else None
+        self._tracker = ObstacleTracker(_MAX_WIDTH, _MAX_DISTANCE) if robot.lidar is not None else None
         self.forget()
         # Compiled here, not in the control loop.
         encounter(np.array([[1.0, 0.0, 0.0, 0.0, 0.1]]), 0.0, 0.0, 0.0)
@@ -67,7 +67,7 @@ class MovingObstacles:
         at = pose @ scan.robot_from_sensor
         spacing = float(np.median(np.diff(scan.bearings)))
         ranges = np.where(scan.ranges < 0.0, np.nan, scan.ranges)
-        panorama = Panorama(
+        panorama = ScanPanorama(
             scan.time, at.position, frozen_array(at.theta + scan.bearings), frozen_array(ranges), scan.max_range, spacing
         )
         self._tracker.update(panorama)
@@ -83,7 +83,7 @@ class MovingObstacles:
                 while panorama.time - places[0][0] > _WINDOW:
                     places.popleft()
 
-    def discs(self, view: View, costmap: Costmap | None, time: float) -> Array:
+    def discs(self, view: CostmapView, costmap: Costmap | None, time: float) -> Array:
         """Those that move, in the grid coordinates of the view: x, y, their velocity, and how near the robot's centre may come to
         theirs, (n, 5) [cells, cells / s]. One that lately went otherwise than before is there twice: it may do either."""
         if self._tracker is None:
@@ -105,14 +105,14 @@ class MovingObstacles:
         discs[:, 2:4] = turned.transform(discs[:, 2:4])
         return discs / view.resolution
 
-    def coming(self, pose: SE2, observation: Observation, view: View, costmap: Costmap | None) -> Array | None:
+    def coming(self, pose: SE2, observation: Observation, view: CostmapView, costmap: Costmap | None) -> Array | None:
         """The `discs` after this scan, where one of them comes into its room while the robot stands; else None."""
         self.update(pose, observation)
         discs = self.discs(view, costmap, observation.time)
         return discs if depth_later(discs, 0.0, _THREAT, 0.2, view.x, view.y) > 0.0 else None
 
 
-def _centre(panorama: Panorama, obstacle: Tracked) -> tuple[float, float]:
+def _centre(panorama: ScanPanorama, obstacle: Tracked) -> tuple[float, float]:
     """Of the disc of the obstacle's radius that touches the nearest point seen of it [m]."""
     (ax, ay), (bx, by) = (obstacle.ends - panorama.origin).tolist()
     start = math.atan2(ay, ax)
@@ -142,7 +142,7 @@ def courses(centres: Array, time: float) -> list[tuple[float, float, float, floa
     return found
 
 
-def near(discs: Array, view: View) -> bool:
+def near(discs: Array, view: CostmapView) -> bool:
     """Whether the robot is in the room of one of the discs, or within half of it."""
     return len(discs) > 0 and encounter(discs, 0.0, view.x, view.y)[1] > 0.5
 

@@ -73,7 +73,7 @@ class VirtualCircle:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Panorama:
+class ScanPanorama:
     """Ranges all round, in the map frame.
 
     Args:
@@ -168,7 +168,7 @@ class Surround:
         """A new episode."""
         self._heard: dict[tuple[float, float, float], Scan] = {}
 
-    def panorama(self, observation: Observation, pose: SE2) -> Panorama | None:
+    def panorama(self, observation: Observation, pose: SE2) -> ScanPanorama | None:
         """The world around as seen in this tick; None where the sensor has nothing new to say."""
         if self._lidar:
             return self._of_laser(observation.lidar, pose) if observation.lidar is not None else None
@@ -176,13 +176,13 @@ class Surround:
             return None
         return self._of_sonars(observation, pose)
 
-    def _of_laser(self, scan: Scan, pose: SE2) -> Panorama:
+    def _of_laser(self, scan: Scan, pose: SE2) -> ScanPanorama:
         sensor = pose @ scan.robot_from_sensor
         bearings, ranges = scan.bearings, scan.ranges
         if np.any(np.diff(bearings) <= 0.0):
             order = np.argsort(bearings, kind="stable")
             bearings, ranges = bearings[order], ranges[order]
-        return Panorama(
+        return ScanPanorama(
             scan.time,
             frozen_array(sensor.position),
             frozen_array(bearings + sensor.theta),
@@ -191,7 +191,7 @@ class Surround:
             self._spacing,
         )
 
-    def _of_sonars(self, observation: Observation, pose: SE2) -> Panorama:
+    def _of_sonars(self, observation: Observation, pose: SE2) -> ScanPanorama:
         """The last echo of every sonar, as seen from the robot's origin."""
         for scan in observation.sonars:
             mount = scan.robot_from_sensor
@@ -206,7 +206,7 @@ class Surround:
                 bearings.append(math.atan2(y, x) + pose.theta)
                 ranges.append(math.hypot(x, y) if math.isfinite(distance) else distance)
         order = np.argsort(bearings, kind="stable")
-        return Panorama(
+        return ScanPanorama(
             observation.time,
             frozen_array(pose.position),
             frozen_array(np.array(bearings)[order]),
@@ -226,13 +226,13 @@ class Lookout:
 
     def __init__(self, looks: int) -> None:
         self._looks = looks
-        self._seen: list[Panorama] = []
+        self._seen: list[ScanPanorama] = []
 
     def start(self) -> None:
         """Forgets what was seen from elsewhere."""
         self._seen.clear()
 
-    def look(self, panorama: Panorama) -> Panorama | None:
+    def look(self, panorama: ScanPanorama) -> ScanPanorama | None:
         """Takes one more in; their `middle` when there are enough."""
         self._seen.append(panorama)
         if len(self._seen) < self._looks:
@@ -241,16 +241,16 @@ class Lookout:
         return seen
 
 
-def middle(panoramas: Sequence[Panorama]) -> Panorama:
+def middle(panoramas: Sequence[ScanPanorama]) -> ScanPanorama:
     """The last of them, each range replaced by the median over all that were taken from the same place; lost readings do not
     count. Standing still and looking a few times, the sensor's noise shrinks and lost beams come back."""
     last = panoramas[-1]
     same = [p for p in panoramas if p.ranges.shape == last.ranges.shape and math.dist(p.origin, last.origin) < 0.01]
     ranges = _medians(np.array([p.ranges for p in same]))
-    return Panorama(last.time, last.origin, last.bearings, frozen_array(ranges), last.max_range, last.spacing, last.thin)
+    return ScanPanorama(last.time, last.origin, last.bearings, frozen_array(ranges), last.max_range, last.spacing, last.thin)
 
 
-def find_open_points(panorama: Panorama, range_jump: float, range_std: float) -> list[OpenPoint]:
+def find_open_points(panorama: ScanPanorama, range_jump: float, range_std: float) -> list[OpenPoint]:
     """All open points of a panorama, counter-clockwise (section 2.1, both kinds: obstacle to open, open to obstacle).
 
     Args:
@@ -268,7 +268,7 @@ def points_of(rows: Array) -> list[OpenPoint]:
     ]
 
 
-def open_point_rows(panorama: Panorama, range_jump: float, range_std: float) -> Array:
+def open_point_rows(panorama: ScanPanorama, range_jump: float, range_std: float) -> Array:
     """What `find_open_points` finds, (k, 10): x, y, bearing, range, side, sure, before, beyond, along's x and y."""
     seen = ~np.isnan(panorama.ranges)
     bearings, ranges = panorama.bearings[seen], panorama.ranges[seen]

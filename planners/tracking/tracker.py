@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from robocar.core import Array, frozen_array
 from robocar.planners.tracking import kernel as kernel
-from robocar.planners.tracking.open_points import Panorama
+from robocar.planners.tracking.open_points import ScanPanorama
 
 _NOTHING = (frozen_array(np.zeros(2)), frozen_array(np.zeros(0)), frozen_array(np.zeros(0)))
 
@@ -79,7 +79,7 @@ class Tracked:
         return self.position + (time - self.time) * self.velocity
 
 
-class Obstacles:
+class ObstacleTracker:
     """Follows the obstacles around the robot: the paper's Tobs, Sobs, TDobs and Dobs.
 
     Args:
@@ -96,13 +96,13 @@ class Obstacles:
     def forget(self) -> None:
         """A new episode."""
         self._rows = kernel.Rows()
-        self._past: deque[Panorama] = deque(maxlen=16)
+        self._past: deque[ScanPanorama] = deque(maxlen=16)
         self._dynamic: list[Tracked] | None = None
 
     def _warm_up(self) -> None:
         """Compiled here, not in the control loop: something passes by."""
         bearings = frozen_array(np.linspace(-math.pi, math.pi, 72, endpoint=False))
-        panorama = Panorama(0.0, frozen_array(np.zeros(2)), bearings, frozen_array(np.full(72, 4.0)), 6.0, math.tau / 72)
+        panorama = ScanPanorama(0.0, frozen_array(np.zeros(2)), bearings, frozen_array(np.full(72, 4.0)), 6.0, math.tau / 72)
         for k in range(12):
             ranges = np.full(72, 4.0)
             ranges[10 + 2 * k : 14 + 2 * k] = 1.0
@@ -141,7 +141,7 @@ class Obstacles:
             row[kernel.VX : kernel.VY + 1].copy(),
         )
 
-    def update(self, panorama: Panorama) -> None:
+    def update(self, panorama: ScanPanorama) -> None:
         """Takes a scan in."""
         if not panorama.thin:
             return  # a sonar's cone does not show where an obstacle ends

@@ -9,9 +9,9 @@ from __future__ import annotations
 import importlib
 import importlib.metadata
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
 from types import ModuleType
-from typing import Any, Literal
+from typing import Any, Literal, TypeGuard
 
 from robocar.core import Context, ParameterError, RobocarError, UnknownNameError
 from robocar.core.suggestions import did_you_mean
@@ -37,47 +37,56 @@ class Entry:
     parameters: tuple[str, ...] = ()
 
 
-def _follow(global_planner: str, summary: str, paper: str) -> Entry:
+_AT = "robocar.planners."
+_FOLLOWING = (
+    _AT + "controllers.pure_pursuit:PurePursuitParameters",
+    _AT + "costmap.layered:CostmapParameters",
+    _AT + "navigators.plan_and_follow:NavigatorParameters",
+)
+
+
+_Part = tuple[str, str]
+"""A module of planners, and its dataclass of parameters."""
+_A_STAR: _Part = ("search.a_star", "AStarParameters")
+_THETA_STAR: _Part = ("search.theta_star", "ThetaStarParameters")
+_RRT: _Part = ("sampling.rrt", "RrtParameters")
+_DWA: _Part = ("controllers.dwa", "DwaParameters")
+_MPPI: _Part = ("controllers.mppi", "MppiParameters")
+
+
+def _follow(planner: _Part, summary: str, paper: str) -> Entry:
     """A navigator that plans on the map and follows the path by pure pursuit."""
-    module = f"robocar.planners.{global_planner}"
     return Entry(
-        "robocar.planners.navigators.plan_and_follow:plan_and_follow",
+        _AT + "navigators.plan_and_follow:plan_and_follow",
         summary,
         paper,
-        parts=(f"{module}:build", "robocar.planners.controllers.pure_pursuit:build"),
-        parameters=(
-            f"{module}:Parameters",
-            "robocar.planners.controllers.pure_pursuit:Parameters",
-            "robocar.planners.costmap.layered:Parameters",
-            "robocar.planners.navigators.plan_and_follow:Parameters",
-        ),
+        parts=(f"{_AT}{planner[0]}:build", _AT + "controllers.pure_pursuit:build"),
+        parameters=(_AT + ":".join(planner), *_FOLLOWING),
     )
 
 
-def _avoid(global_planner: str, local_planner: str, summary: str, paper: str) -> Entry:
+def _avoid(planner: _Part, controller: _Part, summary: str, paper: str) -> Entry:
     """A navigator that plans on the map, and whose local planner looks for its own way along the path."""
-    module, local = f"robocar.planners.{global_planner}", f"robocar.planners.{local_planner}"
     return Entry(
-        "robocar.planners.navigators.plan_and_follow:plan_and_avoid",
+        _AT + "navigators.plan_and_follow:plan_and_avoid",
         summary,
         paper,
-        parts=(f"{module}:build", f"{local}:build"),
+        parts=(f"{_AT}{planner[0]}:build", f"{_AT}{controller[0]}:build"),
         parameters=(
-            f"{module}:Parameters",
-            f"{local}:Parameters",
-            "robocar.planners.controllers.steering:Parameters",
-            "robocar.planners.costmap.layered:Parameters",
-            "robocar.planners.costmap.rolling:Parameters",
-            "robocar.planners.navigators.plan_and_follow:Parameters",
-            "robocar.planners.navigators.recovery:Parameters",
+            _AT + ":".join(planner),
+            _AT + ":".join(controller),
+            _AT + "controllers.steering:SteeringParameters",
+            _AT + "costmap.layered:CostmapParameters",
+            _AT + "costmap.rolling:RollingCostmapParameters",
+            _AT + "navigators.plan_and_follow:NavigatorParameters",
+            _AT + "navigators.recovery:RecoveryParameters",
         ),
     )
 
 
 def _bug(module: str, summary: str, paper: str, *more: str) -> Entry:
     """A bug: what it sees all round, turns on the spot and straight motions."""
-    parameters = ("robocar.planners.bugs.view:Parameters", *more)
-    return Entry(f"robocar.planners.{module}:build", summary, paper, parameters=parameters)
+    return Entry(f"{_AT}{module}:build", summary, paper, parameters=(_AT + "bugs.view:BugParameters", *more))
 
 
 _BUGS = {
@@ -103,80 +112,82 @@ _BUGS = {
 
 NAVIGATORS: dict[str, Entry] = {
     "dynamic-a-star": Entry(
-        "robocar.planners.search.dynamic_a_star:build",
+        _AT + "search.dynamic_a_star:build",
         "30 cm cells, replans when a sonar finds a cell blocked, looks around in each cell",
         "Utomo 2015, sections 2.6, 3.5, 4.3",
-        parameters=("robocar.planners.search.dynamic_a_star:Parameters",),
+        parameters=(_AT + "search.dynamic_a_star:DynamicAStarParameters",),
     ),
-    "a-star": _follow("search.a_star", "shortest grid path, followed by pure pursuit", "Hart, Nilsson and Raphael 1968"),
-    "theta-star": _follow(
-        "search.theta_star", "any-angle path, followed by pure pursuit", "Daniel, Nash, Koenig and Felner 2010"
+    "a-star": _follow(_A_STAR, "shortest grid path, followed by pure pursuit", "Hart, Nilsson and Raphael 1968"),
+    "theta-star": _follow(_THETA_STAR, "any-angle path, followed by pure pursuit", "Daniel, Nash, Koenig and Felner 2010"),
+    "d-star-lite": _follow(
+        ("search.d_star_lite", "DStarLiteParameters"),
+        "replans incrementally, followed by pure pursuit",
+        "Koenig and Likhachev 2002",
     ),
-    "d-star-lite": _follow("search.d_star_lite", "replans incrementally, followed by pure pursuit", "Koenig and Likhachev 2002"),
     "harmonic": _follow(
-        "harmonic.planner",
+        ("harmonic.planner", "HarmonicParameters"),
         "streamline of a harmonic potential, down the middle of the way, followed by pure pursuit",
         "Connolly, Burns and Weiss 1990; Saudi and Sulaiman",
     ),
     "harmonic-local": Entry(
-        "robocar.planners.harmonic.local:build",
+        _AT + "harmonic.local:build",
         "down the gradient of a harmonic potential at each tick, with no path to keep to",
         "Connolly, Burns and Weiss 1990",
         parameters=(
-            "robocar.planners.harmonic.local:Parameters",
-            "robocar.planners.harmonic.planner:Parameters",
-            "robocar.planners.controllers.pure_pursuit:Parameters",
-            "robocar.planners.costmap.layered:Parameters",
-            "robocar.planners.navigators.plan_and_follow:Parameters",
+            _AT + "harmonic.local:HarmonicLocalParameters",
+            _AT + "harmonic.planner:HarmonicParameters",
+            *_FOLLOWING,
         ),
     ),
-    "rrt-dwa": _avoid(
-        "sampling.rrt", "controllers.dwa", "random tree on the map; Dynamic Window Approach", "Izaty and Lubis, JITET"
-    ),
-    "rrt-pursuit": _follow("sampling.rrt", "random tree on the map, followed by pure pursuit", "Izaty and Lubis, JITET"),
-    "a-star-dwa": _avoid(
-        "search.a_star", "controllers.dwa", "shortest grid path; Dynamic Window Approach", "Fox, Burgard and Thrun 1997"
-    ),
+    "rrt-dwa": _avoid(_RRT, _DWA, "random tree on the map; Dynamic Window Approach", "Izaty and Lubis, JITET"),
+    "rrt-pursuit": _follow(_RRT, "random tree on the map, followed by pure pursuit", "Izaty and Lubis, JITET"),
+    "a-star-dwa": _avoid(_A_STAR, _DWA, "shortest grid path; Dynamic Window Approach", "Fox, Burgard and Thrun 1997"),
     "a-star-mppi": _avoid(
-        "search.a_star",
-        "controllers.mppi",
+        _A_STAR,
+        _MPPI,
         "shortest grid path; model predictive path integral control",
         "Williams, Aldrich and Theodorou 2017",
     ),
-    "theta-star-dwa": _avoid(
-        "search.theta_star", "controllers.dwa", "any-angle path; Dynamic Window Approach", "Fox, Burgard and Thrun 1997"
-    ),
+    "theta-star-dwa": _avoid(_THETA_STAR, _DWA, "any-angle path; Dynamic Window Approach", "Fox, Burgard and Thrun 1997"),
     "ocpb": _bug(
         "bugs.ocpb.strategy",
         "critical points for a robot with dimension, among stationary and moving obstacles",
         "Das, Dutta and Debnath, IJEECS 18(3), 2020",
-        "robocar.planners.bugs.ocpb.strategy:Parameters",
+        _AT + "bugs.ocpb.strategy:OcpbParameters",
     ),
     **{name: _bug(*about) for name, about in _BUGS.items()},
     "safe-direction": Entry(
-        "robocar.planners.safe_direction.planner:build",
+        _AT + "safe_direction.planner:build",
         "between the shortest and the safest direction of one scan; keeps to the middle, keeps no map",
         "Trihatmo, BPPT",
-        parameters=("robocar.planners.safe_direction.method:Parameters", "robocar.planners.controllers.pure_pursuit:Parameters"),
+        parameters=(
+            _AT + "safe_direction.method:SafeDirectionParameters",
+            _AT + "controllers.pure_pursuit:PurePursuitParameters",
+        ),
     ),
     "safe-direction-memory": Entry(
-        "robocar.planners.safe_direction.planner:build_with_memory",
+        _AT + "safe_direction.planner:build_with_memory",
         "the same with a memory of what was seen, on a grid that rolls along: gets out of deeper traps",
         "Trihatmo, BPPT",
-        parameters=("robocar.planners.safe_direction.method:Parameters", "robocar.planners.controllers.pure_pursuit:Parameters"),
+        parameters=(
+            _AT + "safe_direction.method:SafeDirectionParameters",
+            _AT + "controllers.pure_pursuit:PurePursuitParameters",
+        ),
     ),
     "path-transform": _follow(
-        "search.path_transform", "cheapest path where nearness to obstacles costs, followed by pure pursuit", "Zelinsky 1994"
+        ("search.path_transform", "PathTransformParameters"),
+        "cheapest path where nearness to obstacles costs, followed by pure pursuit",
+        "Zelinsky 1994",
     ),
     "explore": Entry(
-        "robocar.planners.exploration.explore:build",
+        _AT + "exploration.explore:build",
         "drives to frontiers until the map is complete; needs a mapper and ignores the goal",
         "Yamauchi 1997",
-        parts=("robocar.planners.search.a_star:build", "robocar.planners.controllers.pure_pursuit:build"),
+        parts=(_AT + "search.a_star:build", _AT + "controllers.pure_pursuit:build"),
         parameters=(
-            "robocar.planners.exploration.explore:Parameters",
-            "robocar.planners.search.a_star:Parameters",
-            "robocar.planners.controllers.pure_pursuit:Parameters",
+            _AT + "exploration.explore:ExploreParameters",
+            _AT + "search.a_star:AStarParameters",
+            _AT + "controllers.pure_pursuit:PurePursuitParameters",
         ),
     ),
 }
@@ -218,7 +229,7 @@ ESTIMATORS: dict[str, Entry] = {
         "robocar.estimation.landmarks.top_camera:build",
         "the car's two markers, seen by the camera above the field; odometry in between",
         "Utomo 2015, section 3.5",
-        parameters=("robocar.estimation.landmarks.top_camera:TopCameraParameters",),
+        parameters=("robocar.estimation.landmarks.top_camera:TopCameraPoseParameters",),
     ),
 }
 
@@ -228,13 +239,13 @@ MAPPERS: dict[str, Entry] = {
         "robocar.estimation.mapping.mapping:build_laser",
         "occupancy grid from the laser, in log-odds",
         "Utomo 2015, sections 2.7, 4.5",
-        parameters=("robocar.estimation.mapping.mapping:Parameters",),
+        parameters=("robocar.estimation.mapping.mapping:MappingParameters",),
     ),
     "sonar": Entry(
         "robocar.estimation.mapping.mapping:build_sonar",
         "occupancy grid from the sonars, in log-odds",
         "Utomo 2015, sections 2.7, 4.6",
-        parameters=("robocar.estimation.mapping.mapping:Parameters",),
+        parameters=("robocar.estimation.mapping.mapping:MappingParameters",),
     ),
     "top-camera": Entry(
         "robocar.estimation.landmarks.top_camera:build_mapper",
@@ -304,11 +315,16 @@ def parameters(entry: Entry) -> dict[str, Any]:
         for field in fields(_load(path, path)):
             found[field.name] = field.default
     if not entry.parameters and ":" in entry.factory:
-        # A third party's module: its dataclass `Parameters`, if it follows the convention.
-        cls = getattr(_import(entry.factory.partition(":")[0], entry.factory), "Parameters", None)
-        if cls is not None and hasattr(cls, "__dataclass_fields__"):
-            found.update({field.name: field.default for field in fields(cls)})
+        # A third party's: the dataclasses called ...Parameters in its module, if it follows the convention.
+        module = _import(entry.factory.partition(":")[0], entry.factory)
+        for cls in vars(module).values():
+            if _is_parameters(cls) and cls.__module__.partition(".")[0] == module.__name__.partition(".")[0]:
+                found.update({field.name: field.default for field in fields(cls)})
     return found
+
+
+def _is_parameters(what: object) -> TypeGuard[type]:
+    return isinstance(what, type) and is_dataclass(what) and what.__name__.endswith("Parameters")
 
 
 def _refuse_unknown(kind: Kind, name: str, given: Mapping[str, Any], known: Mapping[str, Any]) -> None:

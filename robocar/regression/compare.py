@@ -10,7 +10,7 @@ from typing import Literal
 from robocar.core import LogFormatError
 from robocar.regression.judgement import Tolerance, tolerances
 from robocar.regression.results import Results, Row
-from robocar.regression.statistics import Estimate, mean
+from robocar.regression.statistics import IntervalEstimate, mean
 
 Verdict = Literal["better", "worse", "unchanged"]
 Key = tuple[str, str, str, str]
@@ -57,7 +57,7 @@ class MetricChange:
     metric: str
     unit: str
     base: float
-    change: Estimate
+    change: IntervalEstimate
     margin: float
     verdict: Verdict
 
@@ -188,7 +188,7 @@ def _judge(key: Key, pairs: Sequence[Pair], table: Mapping[str, Tolerance], unit
     return found
 
 
-def _verdict(tolerance: Tolerance, change: Estimate, margin: float) -> Verdict:
+def _verdict(tolerance: Tolerance, change: IntervalEstimate, margin: float) -> Verdict:
     ends = [change.value] if change.low is None or change.high is None else [change.low, change.high]
     directions: tuple[tuple[Verdict, float], ...] = (("worse", 1.0), ("better", -1.0))
     for verdict, sign in directions:

@@ -18,7 +18,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, Protocol
 
 from robocar.core import RobocarError
-from robocar.regression.worker import Job, Outcome, execute, pack, read_log, warm_up
+from robocar.regression.worker import Job, JobOutcome, execute, pack, read_log, warm_up
 
 CONNECT_TIMEOUT = 3.0
 """How long a scheduler may take to answer [s]."""
@@ -29,14 +29,14 @@ MOST_STARTS = 5
 
 
 class Workers(Protocol):
-    """Runs jobs elsewhere. A future's result is an `Outcome`, whatever happens to the job and to the worker."""
+    """Runs jobs elsewhere. A future's result is a `JobOutcome`, whatever happens to the job and to the worker."""
 
     @property
     def count(self) -> int:
         """How many jobs run at once."""
         ...
 
-    def submit(self, job: Job) -> Future[Outcome]: ...
+    def submit(self, job: Job) -> Future[JobOutcome]: ...
 
     def close(self) -> None:
         """Stops at once; jobs that are not finished are lost."""
@@ -53,7 +53,7 @@ class _Slot:
         self._pool: Any = None
         self._closed = False
 
-    def run(self, job: Job) -> Outcome:
+    def run(self, job: Job) -> JobOutcome:
         """Does the job and waits for it."""
         for _ in range(MOST_STARTS):
             if self._closed:
@@ -74,7 +74,7 @@ class _Slot:
             if not pool.active:
                 self._drop()
             return outcome
-        return Outcome("died", "stopped" if self._closed else "its process was killed before the run began")
+        return JobOutcome("died", "stopped" if self._closed else "its process was killed before the run began")
 
     def close(self) -> None:
         """Stops at once, from another thread too."""
@@ -97,14 +97,14 @@ class LocalWorkers:
 
     def __init__(self, count: int | None = None) -> None:
         self.count = count or usable_cores()
-        self._jobs: SimpleQueue[tuple[Job, Future[Outcome]] | None] = SimpleQueue()
+        self._jobs: SimpleQueue[tuple[Job, Future[JobOutcome]] | None] = SimpleQueue()
         self._slots = [_Slot() for _ in range(self.count)]
         self._threads = [threading.Thread(target=self._serve, args=[slot], daemon=True) for slot in self._slots]
         for thread in self._threads:
             thread.start()
 
-    def submit(self, job: Job) -> Future[Outcome]:
-        outcome: Future[Outcome] = Future()
+    def submit(self, job: Job) -> Future[JobOutcome]:
+        outcome: Future[JobOutcome] = Future()
         self._jobs.put((job, outcome))
         return outcome
 
@@ -114,7 +114,7 @@ class LocalWorkers:
             try:
                 outcome.set_result(slot.run(job))
             except Exception as error:  # nobody may wait for ever
-                outcome.set_result(Outcome("raised", _short(error)))
+                outcome.set_result(JobOutcome("raised", _short(error)))
 
     def close(self) -> None:
         while True:  # what nobody has begun
@@ -160,14 +160,14 @@ class DaskWorkers:
             raise RobocarError(f"{address}: no worker has joined this scheduler; start one with: dask worker {address}")
         self._executor: Any = self._client.get_executor(pure=False)
 
-    def submit(self, job: Job) -> Future[Outcome]:
-        outcome: Future[Outcome] = Future()
+    def submit(self, job: Job) -> Future[JobOutcome]:
+        outcome: Future[JobOutcome] = Future()
 
-        def finish(done: Future[Outcome]) -> None:
+        def finish(done: Future[JobOutcome]) -> None:
             try:
                 outcome.set_result(done.result())
             except (Exception, CancelledError) as error:  # KilledWorker: the worker that should have told us is gone
-                outcome.set_result(Outcome("died", f"the Dask worker was lost: {_short(error)}"))
+                outcome.set_result(JobOutcome("died", f"the Dask worker was lost: {_short(error)}"))
 
         self._executor.submit(_on_cluster, job).add_done_callback(finish)
         return outcome
@@ -205,21 +205,21 @@ def _process_pool() -> Any:
     return ProcessPool(max_workers=1, initializer=warm_up, context=multiprocessing.get_context("spawn"))
 
 
-def _outcome(done: Future[Outcome], job: Job) -> Outcome:
+def _outcome(done: Future[JobOutcome], job: Job) -> JobOutcome:
     from pebble import ProcessExpired
 
     try:
         return done.result()
     except FutureTimeoutError:
-        return Outcome("hung", f"stopped after {job.limit:g} s of wall time", read_log(job))
+        return JobOutcome("hung", f"stopped after {job.limit:g} s of wall time", read_log(job))
     except ProcessExpired as error:
-        return Outcome("died", f"its process died ({_exit(error.exitcode)})", read_log(job))
+        return JobOutcome("died", f"its process died ({_exit(error.exitcode)})", read_log(job))
     except CancelledError:
-        return Outcome("died", "stopped")
+        return JobOutcome("died", "stopped")
     except BrokenProcessPool:
         raise
     except Exception as error:  # a result that cannot be sent, say
-        return Outcome("raised", _short(error), read_log(job))
+        return JobOutcome("raised", _short(error), read_log(job))
 
 
 def _exit(code: int | None) -> str:
@@ -236,7 +236,7 @@ _mine = threading.local()
 """The process of each thread of a Dask worker."""
 
 
-def _on_cluster(job: Job) -> Outcome:
+def _on_cluster(job: Job) -> JobOutcome:
     """In a Dask worker: runs the job in a process of its own and returns its files."""
     if not hasattr(_mine, "slot"):
         _allow_children()

@@ -12,7 +12,7 @@ RESAMPLES = 2000
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class IntervalEstimate:
     """A value with its interval of 95 % confidence; no interval where one run does not allow any."""
 
     value: float
@@ -21,7 +21,7 @@ class Estimate:
     count: int = 1
 
 
-def share(successes: int, count: int) -> Estimate:
+def share(successes: int, count: int) -> IntervalEstimate:
     """A rate with Wilson's score interval. Wilson, Probable Inference, the Law of Succession, and Statistical Inference (1927).
 
     Raises:
@@ -30,10 +30,10 @@ def share(successes: int, count: int) -> Estimate:
     from scipy.stats import binomtest
 
     interval = binomtest(successes, count).proportion_ci(CONFIDENCE, method="wilson")
-    return Estimate(successes / count, float(interval.low), float(interval.high), count)
+    return IntervalEstimate(successes / count, float(interval.low), float(interval.high), count)
 
 
-def mean(values: Sequence[float | None]) -> Estimate | None:
+def mean(values: Sequence[float | None]) -> IntervalEstimate | None:
     """The mean of the values that there are, with its percentile-bootstrap interval; None where there is none.
 
     Efron and Tibshirani, An Introduction to the Bootstrap (1993), section 13.3. The resampling has a seed of its own: equal
@@ -44,9 +44,9 @@ def mean(values: Sequence[float | None]) -> Estimate | None:
         return None
     value = float(numbers.mean())
     if numbers.size == 1:
-        return Estimate(value)
+        return IntervalEstimate(value)
     picks = np.random.default_rng(0).integers(0, numbers.size, (RESAMPLES, numbers.size))
     tail = (1.0 - CONFIDENCE) / 2.0
     low, high = np.quantile(numbers[picks].mean(axis=1), [tail, 1.0 - tail])
     # Summation in another order may put the mean of equal values a bit outside of them.
-    return Estimate(value, min(float(low), value), max(float(high), value), int(numbers.size))
+    return IntervalEstimate(value, min(float(low), value), max(float(high), value), int(numbers.size))

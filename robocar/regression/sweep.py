@@ -22,7 +22,7 @@ from robocar.formats.files import write_atomically
 from robocar.regression import results
 from robocar.regression.pool import Workers, usable_cores, workers
 from robocar.regression.suite import Case, Suite
-from robocar.regression.worker import LOGS, ROOM, Job, Outcome, clear, room
+from robocar.regression.worker import LOGS, ROOM, Job, JobOutcome, clear, room
 from robocar.scenario.load import load_scenario
 from robocar.scenario.settings import split_overrides
 
@@ -31,7 +31,7 @@ TRIES = 2
 SWEEP_FILE = "sweep.json"
 
 
-class Progress(Protocol):
+class SweepProgress(Protocol):
     """Told at the start and after every run."""
 
     def __call__(self, done: int, total: int, failed: int) -> None: ...
@@ -61,7 +61,7 @@ def sweep(
     jobs: int | None = None,
     scheduler: str | None = None,
     resume: bool = False,
-    progress: Progress | None = None,
+    progress: SweepProgress | None = None,
 ) -> Swept:
     """Run all cases that `out` has no complete run of.
 
@@ -104,7 +104,7 @@ def _run(
     folder: Path,
     jobs: int | None,
     scheduler: str | None,
-    progress: Progress,
+    progress: SweepProgress,
     before: int,
     total: int,
 ) -> list[str]:
@@ -131,10 +131,10 @@ def _silent(done: int, total: int, failed: int) -> None:
     pass
 
 
-def _finished(jobs: Sequence[Job], found: Workers) -> Iterator[tuple[Job, Outcome]]:
+def _finished(jobs: Sequence[Job], found: Workers) -> Iterator[tuple[Job, JobOutcome]]:
     """Jobs as they are finished, each once, with their last outcome; those that go wrong get a second try."""
-    running: dict[Future[Outcome], tuple[Job, int]] = {}
-    ready: SimpleQueue[Future[Outcome]] = SimpleQueue()
+    running: dict[Future[JobOutcome], tuple[Job, int]] = {}
+    ready: SimpleQueue[Future[JobOutcome]] = SimpleQueue()
 
     def begin(job: Job, tries: int) -> None:
         future = found.submit(job)
@@ -152,7 +152,7 @@ def _finished(jobs: Sequence[Job], found: Workers) -> Iterator[tuple[Job, Outcom
         elif outcome.kind == "full":
             raise OSError(None, f"the disk is full ({room(job.out)} bytes free)")
         elif outcome.kind != "done" and results.is_complete(job.out / job.name):
-            outcome = Outcome("done")  # it died on its way home, its run was on disk already
+            outcome = JobOutcome("done")  # it died on its way home, its run was on disk already
         elif outcome.kind != "done" and tries < TRIES:
             if room(job.out) < ROOM:
                 raise OSError(None, f"the disk is full ({room(job.out)} bytes free)")
@@ -216,7 +216,7 @@ def _locked(folder: Path) -> Iterator[None]:
         os.close(file)
 
 
-def _file_loss(folder: Path, case: Case, outcome: Outcome) -> None:
+def _file_loss(folder: Path, case: Case, outcome: JobOutcome) -> None:
     """A run directory for a run that never came to its end: `error`, without hash and metrics, with the worker's log."""
     partial = folder / f".{case.name}.{os.getpid()}.partial"
     partial.mkdir()

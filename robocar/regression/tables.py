@@ -13,7 +13,7 @@ from rich.table import Table
 from robocar.core import OutputError
 from robocar.regression.compare import Comparison, describe, settings_note
 from robocar.regression.results import Results, Row, grouped
-from robocar.regression.statistics import Estimate, mean, share
+from robocar.regression.statistics import IntervalEstimate, mean, share
 
 COLUMNS = ("spl", "duration", "path_length", "min_clearance", "position_rmse")
 """Metrics of the table."""
@@ -33,9 +33,9 @@ class Line:
 
     group: tuple[str, ...]
     runs: int
-    success: Estimate
+    success: IntervalEstimate
     errors: int
-    metrics: dict[str, Estimate | None]
+    metrics: dict[str, IntervalEstimate | None]
 
 
 def summary(rows: Iterable[Row], keys: Sequence[str] = ("navigator",), columns: Sequence[str] = COLUMNS) -> list[Line]:
@@ -67,7 +67,7 @@ def results_table(results: Results, keys: Sequence[str] = ("navigator",)) -> Tab
     return table
 
 
-def interval(estimate: Estimate | None, form: str = ".3g") -> str:
+def interval(estimate: IntervalEstimate | None, form: str = ".3g") -> str:
     """`0.95 [0.91, 0.98]`"""
     if estimate is None:
         return "–"

@@ -44,7 +44,7 @@ class Job:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class JobOutcome:
     """What became of a job.
 
     Args:
@@ -60,7 +60,7 @@ class Outcome:
     files: Mapping[str, bytes] | None = None
 
 
-def execute(job: Job) -> Outcome:
+def execute(job: Job) -> JobOutcome:
     """Runs the job in this process; whatever the run raises is in the outcome."""
     with _log(job):
         try:
@@ -70,8 +70,8 @@ def execute(job: Job) -> Outcome:
         except (Exception, SystemExit) as error:
             traceback.print_exc()
             kind = "full" if _is_full(job.out, error) else "raised"
-            return Outcome(kind, f"{type(error).__name__}: {error}", traceback.format_exc())
-    return Outcome("done")
+            return JobOutcome(kind, f"{type(error).__name__}: {error}", traceback.format_exc())
+    return JobOutcome("done")
 
 
 def warm_up() -> None:

@@ -58,7 +58,7 @@ class Reward:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class StepOutcome:
     """One step: observation and reward, whether the episode ended (terminated) or ran out of time (truncated), and why."""
 
     observation: dict[str, NDArray[Any]]
@@ -156,7 +156,7 @@ class DrivingTask:
         self._distance = self.distance()
         return observation
 
-    def step(self, action: Any) -> Outcome:
+    def step(self, action: Any) -> StepOutcome:
         """One control period under a twist (2,); it is clipped to the car's limits.
 
         Raises:
@@ -170,7 +170,7 @@ class DrivingTask:
         self.simulation.act(self._command)
         problem = self.simulation.diverged()
         if problem is not None:
-            return Outcome(self._copy(), 0.0, True, False, f"diverged: {problem}")
+            return StepOutcome(self._copy(), 0.0, True, False, f"diverged: {problem}")
         observation = self._observe()
         truth, before = self.simulation.ground_truth(), self._distance
         self._distance = self.distance()
@@ -183,7 +183,7 @@ class DrivingTask:
         hit = truth.contact and scenario.on_contact == "end"
         late = truth.time >= scenario.time_limit - 1e-9
         reason = "success" if arrived else "collision" if hit else "timeout" if late else ""
-        return Outcome(observation, float(reward), bool(arrived or hit), bool(late and not (arrived or hit)), reason)
+        return StepOutcome(observation, float(reward), bool(arrived or hit), bool(late and not (arrived or hit)), reason)
 
     def distance(self) -> float:
         """What the reward's progress is measured by: from the true position to the goal [m]."""

@@ -18,21 +18,22 @@ from robocar.core import (
     Drive,
     Hold,
     Observation,
-    Reading,
     Robot,
     ScenarioError,
     Serial,
     Twist,
-    WheelAngles,
 )
 from robocar.core.randomness import stream
 from robocar.core.truth import GroundTruth
 from robocar.sim import car
-from robocar.sim.base_pose import BasePose, base_pose, planar
 from robocar.sim.firmware import Firmware, FirmwareParameters
+from robocar.sim.sensors.accelerometer import Accelerometer
+from robocar.sim.sensors.base_pose import BasePose, base_pose, planar
+from robocar.sim.sensors.bumper import Bumper
 from robocar.sim.sensors.camera import OffscreenCamera
 from robocar.sim.sensors.channel import Channel
 from robocar.sim.sensors.compass import Compass
+from robocar.sim.sensors.encoder import Encoders
 from robocar.sim.sensors.lidar import Lidar
 from robocar.sim.sensors.parameters import SensorParameters
 from robocar.sim.sensors.psd import Psd
@@ -333,23 +334,13 @@ class Simulation:
             sonar = Sonar(model, data, sensor, height(f"sonar_{sensor.name}"), sensors.sonar, rng(f"sonar/{sensor.name}"))
             self._sonars.append(channel(sensors.sonar, sonar.read))
         psd = Psd(model, data, model.site(car.PREFIX + "psd").pos.copy(), sensors.psd, rng("psd"))
-        accelerometer_rng = rng("accelerometer")
-        acceleration = data.sensor(car.PREFIX + "accelerometer").data
-        touch = data.sensor(car.PREFIX + "bumper").data
-
-        def accelerate(time: float, _: BasePose) -> Reading[Array]:
-            noise = sensors.accelerometer.std * accelerometer_rng.standard_normal(2)
-            return Reading(time, acceleration[:2] + noise)
-
-        def wheel_angles(time: float, _: BasePose) -> Reading[WheelAngles]:
-            left, right = self._counts()
-            return Reading(time, WheelAngles(left * self._pulse, right * self._pulse))
-
+        accelerometer = Accelerometer(data.sensor(car.PREFIX + "accelerometer").data, sensors.accelerometer, rng("accelerometer"))
+        bumper = Bumper(data.sensor(car.PREFIX + "bumper").data, sensors.bumper)
         self._single: dict[str, Channel[Any]] = {
-            "wheel_angles": channel(sensors.encoder, wheel_angles),
+            "wheel_angles": channel(sensors.encoder, Encoders(self._counts, self._pulse).read),
             "psd": channel(sensors.psd, psd.read),
-            "acceleration": channel(sensors.accelerometer, accelerate),
-            "bumper": channel(sensors.bumper, lambda time, _: Reading(time, bool(touch[0] > sensors.bumper.threshold))),
+            "acceleration": channel(sensors.accelerometer, accelerometer.read),
+            "bumper": channel(sensors.bumper, bumper.read),
         }
         if self.robot.lidar is not None:
             lidar = Lidar(model, data, self.robot.lidar, height("lidar"), sensors.lidar, rng("lidar"))

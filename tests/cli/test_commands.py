@@ -363,7 +363,7 @@ def endless(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], Path]]:
     )  # a shell in the background makes its children ignore Ctrl-C
     words = command(*ENDLESS, "--out", tmp_path, "--json")
     process = subprocess.Popen(
-        words, env=environment(ROOT / "tests" / "parts"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        words, env=environment(ROOT / "tests"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )  # fmt: skip
     signal.signal(signal.SIGINT, before)
     try:

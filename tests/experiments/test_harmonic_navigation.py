@@ -16,7 +16,7 @@ from robocar.cli.experiments import run_experiment
 from robocar.core import OCCUPIED, SE2, OccupancyGrid
 from robocar.episode.run import run
 from robocar.experiments.harmonic_navigation import NAVIGATORS, on_finer_cells, path_clearance
-from robocar.planners.costmap.layered import Parameters, inflate
+from robocar.planners.costmap.layered import CostmapParameters, inflate
 from robocar.planners.harmonic.planner import Harmonic
 from robocar.planners.search.a_star import AStar
 from robocar.scenario.load import load_scenario, scenario_names
@@ -76,7 +76,7 @@ def test_streamlines_keep_farther_from_walls_than_a_star(scenario: str) -> None:
     scene = Scene.load(load_scenario(scenario), footprint())
     if scene.prior is None or scene.goal is None:
         pytest.skip("there is no map, or no goal, to plan to before the run")
-    costmap = inflate(scene.prior, footprint().inscribed_radius, Parameters())
+    costmap = inflate(scene.prior, footprint().inscribed_radius, CostmapParameters())
     ours, theirs = (
         path_clearance(planner.plan(costmap, scene.start.position, scene.goal.position).path.points, scene.prior)
         for planner in (Harmonic(), AStar())
@@ -91,7 +91,7 @@ def test_bends_are_rounded_by_the_potential_and_not_by_the_grid() -> None:
     scene = Scene.load(load_scenario("spiral"), footprint())
     assert scene.prior is not None
     assert scene.goal is not None
-    costmap = inflate(scene.prior, footprint().inscribed_radius, Parameters())
+    costmap = inflate(scene.prior, footprint().inscribed_radius, CostmapParameters())
     ends = scene.start.position, scene.goal.position
     coarse = path_clearance(Harmonic().plan(costmap, *ends).path.points, scene.prior)
     fine = path_clearance(on_finer_cells(costmap, *ends, 4), scene.prior)

@@ -27,7 +27,7 @@ from robocar.regression.pool import workers
 from robocar.regression.results import is_complete, read_results
 from robocar.regression.suite import load_suite
 from robocar.regression.sweep import sweep
-from robocar.regression.worker import Job, Outcome
+from robocar.regression.worker import Job, JobOutcome
 from tests.regression.conftest import suite_of
 
 ROOT = Path(__file__).parents[2]
@@ -297,10 +297,10 @@ def test_a_process_killed_between_two_runs_is_replaced(short: str, tmp_path: Pat
     (case,) = suite_of(short).cases
     jobs = [Job(name, case.arguments(), tmp_path / name) for name in ("first", "second")]
     with workers(1) as one:
-        assert one.submit(jobs[0]).result(timeout=60) == Outcome("done")
+        assert one.submit(jobs[0]).result(timeout=60) == JobOutcome("done")
         (victim,) = multiprocessing.active_children()
         assert victim.pid is not None
         os.kill(victim.pid, signal.SIGKILL)
         victim.join()
-        assert one.submit(jobs[1]).result(timeout=60) == Outcome("done")
+        assert one.submit(jobs[1]).result(timeout=60) == JobOutcome("done")
     assert multiprocessing.active_children() == []

@@ -17,7 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robocar.core import Array, frozen_array
-from robocar.planners.tracking.open_points import Panorama
+from robocar.planners.tracking.open_points import ScanPanorama
 from robocar.planners.tracking.tracker import Tracked
 
 
@@ -116,7 +116,7 @@ def crossing(start: Array, heading: float, obstacle: Array, velocity: Array) -> 
     return np.array([start[0] + gone * c, start[1] + gone * s]) if gone >= 0.0 and other >= 0.0 else None
 
 
-def standing_world(panorama: Panorama, moving: Moving, margin: float) -> Panorama:
+def standing_world(panorama: ScanPanorama, moving: Moving, margin: float) -> ScanPanorama:
     """The panorama without the obstacles that move: beams that end within `margin` [m] of one are lost ones."""
     if not len(moving):
         return panorama
@@ -126,7 +126,7 @@ def standing_world(panorama: Panorama, moving: Moving, margin: float) -> Panoram
     return replace(panorama, ranges=ranges)
 
 
-def with_virtual(panorama: Panorama, collisions: list[Collision], margin: float = 0.0) -> Panorama:
+def with_virtual(panorama: ScanPanorama, collisions: list[Collision], margin: float = 0.0) -> ScanPanorama:
     """The panorama with a virtual obstacle at each collision point: what the obstacle, grown by `margin` [m], sweeps while the
     two would overlap."""
     ranges = np.array(panorama.ranges)
@@ -146,7 +146,7 @@ def near_virtual(points: Array, collisions: list[Collision], margin: float) -> N
 def warm_up() -> None:
     """Compiles what the control loop needs."""
     bearings = frozen_array(np.linspace(-math.pi, math.pi, 36, endpoint=False))
-    panorama = Panorama(0.0, frozen_array(np.zeros(2)), bearings, frozen_array(np.full(36, 4.0)), 6.0, math.tau / 36)
+    panorama = ScanPanorama(0.0, frozen_array(np.zeros(2)), bearings, frozen_array(np.full(36, 4.0)), 6.0, math.tau / 36)
     ahead = Moving.of([Tracked(0, 0.0, np.array([2.0, 0.0]), 0.2, np.zeros((2, 2)), velocity=np.array([-0.1, 0.0]))])
     collision = predict(ahead, 0.0, np.zeros(2), 0.0, 2.0, 0.3, 0.5, 1.0, 0.3, 9.0)
     assert collision is not None

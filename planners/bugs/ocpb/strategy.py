@@ -44,11 +44,10 @@ from robocar.planners.bugs.ocpb import collision_points, sub_goals
 from robocar.planners.bugs.ocpb.collision_points import Collision, Moving, near_virtual, predict, standing_world, with_virtual
 from robocar.planners.bugs.ocpb.sub_goals import SAME
 from robocar.planners.bugs.ocpb.traverse import Traverse
-from robocar.planners.bugs.view import ARRIVED, Move, Stand, To, View, narrow_gap
-from robocar.planners.bugs.view import Parameters as BugParameters
+from robocar.planners.bugs.view import ARRIVED, BugParameters, BugView, Move, Stand, To, narrow_gap
 from robocar.planners.navigators.plan_and_follow import Reactive
-from robocar.planners.tracking.open_points import Lookout, OpenPoint, Panorama, open_point_rows, points_of
-from robocar.planners.tracking.tracker import Obstacles
+from robocar.planners.tracking.open_points import Lookout, OpenPoint, ScanPanorama, open_point_rows, points_of
+from robocar.planners.tracking.tracker import ObstacleTracker
 
 _TURN_DELAY = 0.3  # [s] to brake, look up and start
 _EVADE = (0.3, 0.5, 0.8, 1.2)  # [m]
@@ -61,7 +60,7 @@ _TRIES = 4  # a way that was called free and turned out blocked this often is bl
 
 
 @dataclass(frozen=True, slots=True)
-class Parameters:
+class OcpbParameters:
     """
     Args:
         max_obstacle_width: wider obstacles are taken for walls and not followed [m].
@@ -115,9 +114,9 @@ class OperativeCriticalPointBug:
         parameters: its own; bug: those that all bugs share.
     """
 
-    def __init__(self, parameters: Parameters, bug: BugParameters) -> None:
+    def __init__(self, parameters: OcpbParameters, bug: BugParameters) -> None:
         self.parameters = parameters
-        self.obstacles = Obstacles(parameters.max_obstacle_width, parameters.tracking_distance)
+        self.obstacles = ObstacleTracker(parameters.max_obstacle_width, parameters.tracking_distance)
         self._lookout = Lookout(bug.looks)
         collision_points.warm_up()
         sub_goals.warm_up()
@@ -143,7 +142,7 @@ class OperativeCriticalPointBug:
 
     # -- MAIN ----------------------------------------------------------------------------------------------------------
 
-    def step(self, view: View) -> Move:
+    def step(self, view: BugView) -> Move:
         """While not at the goal: detect obstacles; drive on, or look and decide."""
         if view.fresh:
             self.obstacles.update(view.panorama)
@@ -167,7 +166,7 @@ class OperativeCriticalPointBug:
             return GiveUp(f"not there after {self.parameters.max_iterations} decisions", "stuck")
         return self._decide(seen)
 
-    def _decide(self, view: View) -> Move:
+    def _decide(self, view: BugView) -> Move:
         """Lines 6 to 29 of MAIN."""
         self.seen.arrive(view.centre)
         self._blocking = [(where, hits) for where, hits in self._blocking if math.dist(where, view.centre) < SAME]
@@ -206,7 +205,7 @@ class OperativeCriticalPointBug:
 
     # -- open points and sub-goals -------------------------------------------------------------------------------------
 
-    def _critical_point(self, view: View) -> Leg | None:
+    def _critical_point(self, view: BugView) -> Leg | None:
         """The safe sub-goal in sight that is nearest to the goal and has not been visited (lines 7 to 18)."""
         if self._wanted >= 0:
             return self._towards_wanted(view)
@@ -222,7 +221,7 @@ class OperativeCriticalPointBug:
                 return Leg(LegKind.CRITICAL, candidate.way, candidate.subgoal)
         return None
 
-    def _goal_as_critical_point(self, view: View) -> Leg | None:
+    def _goal_as_critical_point(self, view: BugView) -> Leg | None:
         """The goal as a sub-goal like others, nearer to itself than any: what keeps the virtual circle from it may let pass the
         outline, or may be a corner to go round."""
         way = self.seen.way_to(view, view.goal.position, view.parameters.gap_tolerance)
@@ -237,7 +236,7 @@ class OperativeCriticalPointBug:
 
     # -- T and the way back --------------------------------------------------------------------------------------------
 
-    def _back(self, view: View) -> Leg | None:
+    def _back(self, view: BugView) -> Leg | None:
         """Back to the place from where the best sub-goal of D was seen, over points that it has been to."""
         self.seen.give_up_here()
         best = self.seen.best_left(view.centre, True)
@@ -248,7 +247,7 @@ class OperativeCriticalPointBug:
         self._wanted, self._route, self._surprises = best, self.seen.way(self.seen.place_of(best)), 0
         return self._towards_wanted(view)
 
-    def _towards_wanted(self, view: View) -> Leg | None:
+    def _towards_wanted(self, view: BugView) -> Leg | None:
         """The next leg of the way back; at its end the sub-goal itself."""
         for k, place in enumerate(self._route):  # the farthest place on the way that can be driven to at once
             point = self.seen.places[place].point
@@ -269,7 +268,7 @@ class OperativeCriticalPointBug:
 
     # -- SAFE_POINT ----------------------------------------------------------------------------------------------------
 
-    def _goal_way_is_free(self, view: View) -> bool:
+    def _goal_way_is_free(self, view: BugView) -> bool:
         """Line 6: no obstacle in the direction of the goal, and no gap on the way there that is too narrow."""
         return (
             view.goal_in_sight()
@@ -277,25 +276,27 @@ class OperativeCriticalPointBug:
             and not self._narrow(view, view.goal.position, 1.0 + view.parameters.gap_tolerance)
         )
 
-    def _fits(self, view: View, target: Array, share: float) -> bool:
+    def _fits(self, view: BugView, target: Array, share: float) -> bool:
         """Whether the robot can drive straight to `target`, stand there, and passes only gaps wider than 2 r times `share`."""
         return view.reachable(target) and not self._narrow(view, target, share)
 
-    def _narrow(self, view: View, target: Array, share: float) -> bool:
+    def _narrow(self, view: BugView, target: Array, share: float) -> bool:
         """Whether the way passes a gap that is not wider than 2 r times `share`."""
         (x, y), width = view.centre, 2.0 * view.circle.radius * share
         dx, dy = target[0] - x, target[1] - y
         gap = narrow_gap(view.hits, x, y, math.atan2(dy, dx), math.hypot(dx, dy), width, view.circle.body)
         return math.isfinite(gap)
 
-    def _is_safe(self, view: View, target: Array, kind: LegKind, turning: bool = True) -> bool:
+    def _is_safe(self, view: BugView, target: Array, kind: LegKind, turning: bool = True) -> bool:
         """Whether no moving obstacle meets the robot on its way to `target`; what does is kept as a virtual obstacle."""
         collision = self._predicted(view, target, turning, 0.0 if kind is LegKind.GOAL else _PAUSE)
         if collision is not None and all(c.obstacle.number != collision.obstacle.number for c in self.collisions):
             self.collisions.append(collision)
         return collision is None
 
-    def _predicted(self, view: View, target: Array, turning: bool, stay: float, margin: float | None = None) -> Collision | None:
+    def _predicted(
+        self, view: BugView, target: Array, turning: bool, stay: float, margin: float | None = None
+    ) -> Collision | None:
         if not len(self._moving):
             return None
         p = view.parameters
@@ -316,7 +317,7 @@ class OperativeCriticalPointBug:
 
     # -- on the way ----------------------------------------------------------------------------------------------------
 
-    def _goes_on(self, leg: Leg, view: View) -> bool:
+    def _goes_on(self, leg: Leg, view: BugView) -> bool:
         """Whether a leg is neither finished nor blocked nor leads into a moving obstacle."""
         left = math.dist(view.centre, leg.target)
         if left <= ARRIVED:
@@ -365,21 +366,21 @@ class OperativeCriticalPointBug:
 
     # -- moving obstacles ----------------------------------------------------------------------------------------------
 
-    def _standing(self, view: View, panorama: Panorama) -> View:
+    def _standing(self, view: BugView, panorama: ScanPanorama) -> BugView:
         """What stands still, of this panorama."""
         if not len(self._moving) and panorama is view.panorama:
             return view
         still = standing_world(panorama, self._moving, 0.15)
         return replace(view, panorama=still, hits=still.hits())
 
-    def _threat(self, view: View) -> Collision | None:
+    def _threat(self, view: BugView) -> Collision | None:
         """What would run into the robot if it stood still."""
         if not len(self._moving):
             return None
         margin = view.circle.body + 0.5 * self.parameters.collision_margin
         return predict(self._moving, view.time, view.centre, 0.0, 0.0, 1.0, 0.0, 4.0, margin, 4.0)
 
-    def _evade(self, view: View) -> Move:
+    def _evade(self, view: BugView) -> Move:
         """Out of the way: the shortest straight motion after which nothing comes, with less room where it is too late for more;
         else the one on which it comes latest."""
         threat = self._threat(view)
@@ -399,7 +400,7 @@ class OperativeCriticalPointBug:
 
     # -- what is to be seen --------------------------------------------------------------------------------------------
 
-    def trace(self, view: View) -> dict[str, Drawable]:
+    def trace(self, view: BugView) -> dict[str, Drawable]:
         """Open points, sub-goals, critical point, virtual circle, d_min, obstacles that move, collisions, visited points."""
         ring = _RING
         moving = self.obstacles.dynamic
@@ -432,5 +433,5 @@ def _array(points: list[Array]) -> Array:
 
 def build(context: Context) -> Reactive:
     """The navigator for the context's robot."""
-    strategy = OperativeCriticalPointBug(context.parameters_of(Parameters), context.parameters_of(BugParameters))
+    strategy = OperativeCriticalPointBug(context.parameters_of(OcpbParameters), context.parameters_of(BugParameters))
     return build_bug(context, strategy)

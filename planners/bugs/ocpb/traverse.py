@@ -13,7 +13,7 @@ from robocar.core import Array
 from robocar.planners.bugs.ocpb import sub_goals as sg
 from robocar.planners.bugs.ocpb.sub_goals import SAME
 from robocar.planners.bugs.ocpb.surfaces import Surfaces
-from robocar.planners.bugs.view import View
+from robocar.planners.bugs.view import BugView
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,7 +137,7 @@ class Traverse:
         self._table[subgoal, sg.OPEN] = 0.0
 
     def candidates(
-        self, view: View, open_points: Array, virtual: NDArray[np.bool_], threatened: bool, gap_tolerance: float
+        self, view: BugView, open_points: Array, virtual: NDArray[np.bool_], threatened: bool, gap_tolerance: float
     ) -> list[Candidate]:
         """Sub-goals of the open points in sight (rows of `open_point_rows`) that fit and are not visited, the best first; takes
         them into SG and D.
@@ -156,7 +156,7 @@ class Traverse:
         rows = sorted(found.tolist(), key=lambda row: (row[sg.LATER], row[sg.DISTANCE]))
         return [Candidate(np.array(r[:2]), np.array(r[2:4]), r[4], r[5] > 0.0, int(r[6])) for r in rows]
 
-    def way_to(self, view: View, point: Array, gap_tolerance: float) -> Array | None:
+    def way_to(self, view: BugView, point: Array, gap_tolerance: float) -> Array | None:
         """Where to drive to get to a point in sight: there, or beside a corner on the way, (2,) [m]; None if neither fits."""
         (x, y), (px, py), circle = view.centre.tolist(), point.tolist(), view.circle
         width = 2.0 * circle.radius * (1.0 + gap_tolerance)

@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 
 from robocar.core import Array, BudgetExhausted, ParameterError
-from robocar.planners.harmonic.laplace.lattice import Lattice, fill_in, make_lattice
+from robocar.planners.harmonic.laplace.lattice import LaplaceLattice, fill_in, make_lattice
 from robocar.planners.harmonic.laplace.problem import LaplaceProblem
 from robocar.planners.harmonic.laplace.relaxation import largest_residual
 from robocar.planners.harmonic.laplace.solver import Potential
@@ -53,7 +53,7 @@ def block_sweep(
     return Sweeps(Potential(problem, field, None, group, np.array([residual])), len(changes), seconds, omega, changes)
 
 
-def _iterate(lattice: Lattice, pairs: bool, omega: float, tolerance: float, max_iterations: int) -> tuple[Array, Array]:
+def _iterate(lattice: LaplaceLattice, pairs: bool, omega: float, tolerance: float, max_iterations: int) -> tuple[Array, Array]:
     values = (lattice.state == 2).astype(float)
     inverses = pair_inverses() if pairs else ring_inverses()
     iteration = _iterate_pairs if pairs else _iterate_rings

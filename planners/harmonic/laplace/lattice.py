@@ -31,7 +31,7 @@ ROTATED = {"full": False, "half": True, "quarter": False, "octo": True}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lattice:
+class LaplaceLattice:
     """Every `stride`-th row and column of the padded grid, inside a frame of walls of its own.
 
     Args:
@@ -56,7 +56,7 @@ class Lattice:
         return ROTATED[self.scheme]
 
 
-def make_lattice(problem: LaplaceProblem, scheme: Scheme) -> Lattice:
+def make_lattice(problem: LaplaceProblem, scheme: Scheme) -> LaplaceLattice:
     """The lattice of a scheme through the first goal cell."""
     state = (problem.inverse_degree > 0).astype(np.uint8)
     goals = problem.goals + 1
@@ -67,7 +67,7 @@ def make_lattice(problem: LaplaceProblem, scheme: Scheme) -> Lattice:
     checker = (row + col) // stride if ROTATED[scheme] else -1
     shift = (first[0] + first[1]) // stride
     lattice, arms = _cut(state, stride, first[0], first[1], ROTATED[scheme], (checker - shift) % 2 if checker >= 0 else -1)
-    return Lattice(scheme, first, lattice, arms)
+    return LaplaceLattice(scheme, first, lattice, arms)
 
 
 @njit(cache=True)
@@ -105,7 +105,7 @@ def _cut(state, stride, first_row, first_col, rotated, checker):
     return lattice, arms
 
 
-def fill_in(problem: LaplaceProblem, lattice: Lattice, values: NDArray) -> NDArray:
+def fill_in(problem: LaplaceProblem, lattice: LaplaceLattice, values: NDArray) -> NDArray:
     """The whole padded field from the values at the lattice's nodes, by the direct steps of algorithms 2 and 3."""
     if lattice.scheme == "octo":
         quarter = make_lattice(problem, "quarter")

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh_tridiagonal
 
 from robocar.core import Array, BudgetExhausted, ParameterError
-from robocar.planners.harmonic.laplace.lattice import STRIDE, Lattice, Scheme, fill_in, make_lattice
+from robocar.planners.harmonic.laplace.lattice import STRIDE, LaplaceLattice, Scheme, fill_in, make_lattice
 from robocar.planners.harmonic.laplace.problem import LaplaceProblem
 from robocar.planners.harmonic.laplace.relaxation import largest_residual
 from robocar.planners.harmonic.laplace.solver import Potential
@@ -190,7 +190,7 @@ class _Packing:
     single_start: NDArray[np.int64]  # (2, rows + 1)
 
 
-def _iterate(lattice: Lattice, omega: float, jacobi: bool, tolerance: float, max_iterations: int) -> tuple[Array, Array]:
+def _iterate(lattice: LaplaceLattice, omega: float, jacobi: bool, tolerance: float, max_iterations: int) -> tuple[Array, Array]:
     """Values at the lattice's nodes and the largest change of each iteration."""
     rows, cols = lattice.state.shape
     rotated = lattice.rotated

@@ -13,7 +13,7 @@ from robocar.core import SE2, Array
 _TRIES = 16
 
 
-class Estimate(NamedTuple):
+class PoseEstimate(NamedTuple):
     """
     Args:
         pose: weighted mean, that of the heading on the circle.
@@ -86,12 +86,12 @@ def _covariance(
     return result / total if total > 0.0 else result
 
 
-def mean_of_all(particles: Array, weights: Array) -> Estimate:
+def mean_of_all(particles: Array, weights: Array) -> PoseEstimate:
     """The thesis' estimate: (sum w x, sum w y, atan2(sum w sin, sum w cos)) (eq. 2.43), for particles (n, 3), weights (n,)."""
     return _about(particles, weights, 0.0, 0.0, 0.0, math.inf, math.pi)
 
 
-def largest_group(particles: Array, weights: Array, reach: float, angle: float) -> Estimate:
+def largest_group(particles: Array, weights: Array, reach: float, angle: float) -> PoseEstimate:
     """The same over the heaviest group of particles: those within `reach` [m] and `angle` [rad] of its own mean.
 
     So particles that are tried out elsewhere (a robot may have been carried off) do not pull the estimate away. Where no group
@@ -116,8 +116,8 @@ def largest_group(particles: Array, weights: Array, reach: float, angle: float) 
     return _about(particles, weights, *near, reach, angle)
 
 
-def _about(particles: Array, weights: Array, x: float, y: float, theta: float, reach: float, angle: float) -> Estimate:
+def _about(particles: Array, weights: Array, x: float, y: float, theta: float, reach: float, angle: float) -> PoseEstimate:
     share, mx, my, c, s = (float(value) for value in _moments(particles, weights, x, y, theta, reach, angle))
     heading = math.atan2(s, c)
     covariance = _covariance(particles, weights, mx, my, heading, (x, y, theta), reach, angle)
-    return Estimate(SE2(mx, my, heading), covariance, share)
+    return PoseEstimate(SE2(mx, my, heading), covariance, share)

@@ -24,7 +24,7 @@ from robocar.core import SE2, Array, Belief, Command, Context, Detection, Observ
 from robocar.core.trace import Drawable
 from robocar.estimation.landmarks import estimates, resampling, sensor_models
 from robocar.estimation.landmarks.area import Area
-from robocar.estimation.landmarks.estimates import Estimate
+from robocar.estimation.landmarks.estimates import PoseEstimate
 from robocar.estimation.landmarks.guesses import Guesses
 from robocar.estimation.landmarks.senses import Senses
 from robocar.estimation.landmarks.sensor_models import Atlas, Sightings
@@ -204,7 +204,7 @@ class ParticleFilter:
             return self._guesses.by_ranges(count, detections, self._rng)
         return self._guesses.anywhere(count, self._rng)
 
-    def estimate(self) -> Estimate:
+    def estimate(self) -> PoseEstimate:
         """Pose and covariance."""
         p = self.parameters
         if p.estimate == "mean":

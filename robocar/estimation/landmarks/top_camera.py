@@ -49,7 +49,7 @@ _FLOOR_LEVELS, _LEVEL_TOLERANCE = 2, 0.08  # its chequers: so many brightnesses,
 
 
 @dataclass(frozen=True, slots=True)
-class TopCameraParameters:
+class TopCameraPoseParameters:
     """
     Args:
         position_std, heading_std: of a pose from the markers [m], [rad].
@@ -159,7 +159,7 @@ class TopCameraEstimator:
 
     def __init__(self, context: Context) -> None:
         _require_camera(context, "estimator")
-        self._parameters = context.parameters_of(TopCameraParameters)
+        self._parameters = context.parameters_of(TopCameraPoseParameters)
         self._noise = OdometryParameters()
         self._context = context
         self.reset(context.rng)

@@ -21,7 +21,7 @@ _OCCUPIED = 0.65
 
 
 @dataclass(frozen=True, slots=True)
-class Parameters:
+class MappingParameters:
     """Probabilities have the names and, for the laser, the values of Hornung et al., OctoMap (2013), section 4.3.
 
     Args:
@@ -77,8 +77,10 @@ class OccupancyMapper:
         footprint_radius: of a disc around the robot's origin that is free because the robot stands there [m].
     """
 
-    def __init__(self, lasers: bool, sonars: bool, footprint_radius: float = 0.0, parameters: Parameters | None = None) -> None:
-        self.parameters = parameters or Parameters()
+    def __init__(
+        self, lasers: bool, sonars: bool, footprint_radius: float = 0.0, parameters: MappingParameters | None = None
+    ) -> None:
+        self.parameters = parameters or MappingParameters()
         self._lasers, self._sonars, self._radius = lasers, sonars, footprint_radius
         p = self.parameters
         self._bounds = log_odds(p.clamping_thres_min), log_odds(p.clamping_thres_max)
@@ -198,7 +200,7 @@ def build_laser(context: Context) -> OccupancyMapper:
     """
     if context.robot.lidar is None:
         raise ParameterError("mapper 'laser' needs a laser: --set robot.lidar=hokuyo or scan360")
-    return OccupancyMapper(True, False, context.robot.footprint.inscribed_radius, context.parameters_of(Parameters))
+    return OccupancyMapper(True, False, context.robot.footprint.inscribed_radius, context.parameters_of(MappingParameters))
 
 
 def build_sonar(context: Context) -> OccupancyMapper:
@@ -209,4 +211,4 @@ def build_sonar(context: Context) -> OccupancyMapper:
     """
     if not context.robot.sonars:
         raise ParameterError("mapper 'sonar' needs sonars: --set robot.sonars=front, front+sides or ring")
-    return OccupancyMapper(False, True, context.robot.footprint.inscribed_radius, context.parameters_of(Parameters))
+    return OccupancyMapper(False, True, context.robot.footprint.inscribed_radius, context.parameters_of(MappingParameters))

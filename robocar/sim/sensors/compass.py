@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robocar.core import Reading, wrap_angle
-from robocar.sim.base_pose import BasePose
+from robocar.sim.sensors.base_pose import BasePose
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from robocar.core import RangeSensor, Scan
-from robocar.sim.base_pose import BasePose
+from robocar.sim.sensors.base_pose import BasePose
 from robocar.sim.sensors.rays import RayFan
 
 

@@ -14,8 +14,8 @@ import pytest
 from robocar.core import SE2, Array, Detection, Image, Landmark, OccupancyGrid, wrap_angle
 from robocar.core.solids import Box
 from robocar.estimation.landmarks.balls import HUES, BallDetector
-from robocar.sim.base_pose import base_pose
 from robocar.sim.car import PREFIX, FitOut
+from robocar.sim.sensors.base_pose import base_pose
 from robocar.sim.sensors.camera import OffscreenCamera
 from robocar.sim.simulation import Simulation
 from robocar.sim.world import LIGHTING, build_world

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from robocar.core import SE2, Belief, MapTooLarge, Observation, OccupancyGrid, Scan
 from robocar.core.rays import cast_rays, traverse
 from robocar.estimation.mapping.log_odds_grid import MAX_CELLS
-from robocar.estimation.mapping.mapping import OccupancyMapper, Parameters, log_odds
+from robocar.estimation.mapping.mapping import MappingParameters, OccupancyMapper, log_odds
 
 INF, NAN = math.inf, math.nan
 SIZE = 0.05
@@ -23,7 +23,7 @@ def scan(ranges: list[float] | np.ndarray, bearings: list[float] | np.ndarray, m
 
 
 def mapper(**parameters: float) -> OccupancyMapper:
-    return OccupancyMapper(True, False, parameters=Parameters(**parameters))
+    return OccupancyMapper(True, False, parameters=MappingParameters(**parameters))
 
 
 def snapshot(subject: OccupancyMapper) -> OccupancyGrid:
@@ -254,4 +254,4 @@ def test_memory() -> None:
 def test_parameters_out_of_range(name: str, value: float) -> None:
     """Oracle: the message names the parameter and what would be valid."""
     with pytest.raises(ValueError, match=rf"{name} must .*{value}"):
-        Parameters(**{name: value})
+        MappingParameters(**{name: value})

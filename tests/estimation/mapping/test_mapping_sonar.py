@@ -27,7 +27,7 @@ from robocar.core import (
 )
 from robocar.core.rays import cast_rays
 from robocar.estimation.mapping import mapping
-from robocar.estimation.mapping.mapping import OccupancyMapper, Parameters, log_odds
+from robocar.estimation.mapping.mapping import MappingParameters, OccupancyMapper, log_odds
 
 INF, NAN = math.inf, math.nan
 SIZE = 0.05
@@ -39,7 +39,7 @@ def echo(reading: float, mount: SE2 = SE2(), bearing: float = 0.0) -> Observatio
 
 
 def mapper(**parameters: float) -> OccupancyMapper:
-    return OccupancyMapper(False, True, parameters=Parameters(**parameters))
+    return OccupancyMapper(False, True, parameters=MappingParameters(**parameters))
 
 
 def log_odds_of(subject: OccupancyMapper) -> tuple[Array, Array, Array]:
@@ -67,10 +67,10 @@ def test_an_echo_touches_only_its_cone(x: float, y: float, theta: float, reading
     diagonal = SIZE * math.sqrt(0.5) + 1e-6
     assert raised.any()
     assert np.all(np.abs(distance[raised] - reading - SIZE / 2) <= diagonal)
-    assert np.all(distance[lowered] <= min(reading, Parameters().sonar_free_range) + diagonal)
+    assert np.all(distance[lowered] <= min(reading, MappingParameters().sonar_free_range) + diagonal)
     outside = np.where(beside < math.pi / 2, distance * np.sin(np.maximum(beside, 0.0)), distance)
     assert np.all(outside[raised | lowered] <= diagonal)
-    assert values[raised].sum() == pytest.approx(log_odds(Parameters().sonar_prob_hit), rel=1e-3)
+    assert values[raised].sum() == pytest.approx(log_odds(MappingParameters().sonar_prob_hit), rel=1e-3)
 
 
 def test_a_cone_is_symmetric_about_its_axis() -> None:
@@ -99,10 +99,10 @@ def test_an_arc_across_what_is_known_is_shared_by_the_odds() -> None:
     grid.log_odds[wall] = math.log(100.0)
     subject.update(Belief(SE2()), echo(1.0))
     values, _, _ = log_odds_of(subject)
-    bound = log_odds(Parameters().clamping_thres_max)
+    bound = log_odds(MappingParameters().clamping_thres_max)
     assert values[wall] == pytest.approx(bound)
     others = values[(values > 1e-5) & (np.arange(values.size).reshape(values.shape) != wall[0] * values.shape[1] + wall[1])]
-    assert 0.0 < others.sum() < 0.1 * log_odds(Parameters().sonar_prob_hit)
+    assert 0.0 < others.sum() < 0.1 * log_odds(MappingParameters().sonar_prob_hit)
 
 
 def test_nothing_is_cleared_behind_a_known_wall() -> None:
@@ -128,7 +128,7 @@ def test_silence_says_little() -> None:
     silent.update(Belief(SE2()), echo(INF))
     free, px, py = log_odds_of(silent)
     assert free.max() < 1e-5
-    assert np.hypot(px, py)[free < 0].max() <= Parameters().sonar_silent_range + SIZE
+    assert np.hypot(px, py)[free < 0].max() <= MappingParameters().sonar_silent_range + SIZE
     assert 0.0 > free.min() > 0.5 * log_odds_of(heard)[0].min()
     assert not silent.grid().free.any()  # type: ignore[union-attr]
 

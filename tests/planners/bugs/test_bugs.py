@@ -12,14 +12,14 @@ from numba.core.registry import CPUDispatcher
 from robocar.core import OCCUPIED, SE2, STOP, Belief, Goal, Observation, OccupancyGrid, ParameterError, Scan, Text, Twist
 from robocar.episode.registry import build
 from robocar.planners.bugs.local_planner import Bug
-from robocar.planners.bugs.view import Parameters, free_way, narrow_gap
+from robocar.planners.bugs.view import BugParameters, free_way, narrow_gap
 from robocar.planners.tracking.open_points import VirtualCircle
 from tests.planners.beams import Disc, Drives, drive, laser_car, scan_of
 from tests.planners.kinematic import car, context
 
 LOOPS = ("bug1", "bug2", "dist-bug", "tangent-bug")
 POINTS = ("point-bug", "critical-point-bug", "ocpb")
-RADIUS = VirtualCircle.of(car(()).footprint, Parameters().safety_constant).radius
+RADIUS = VirtualCircle.of(car(()).footprint, BugParameters().safety_constant).radius
 START, GOAL = SE2(0.6, 1.5, 0.0), Goal(np.array([3.9, 1.5]))
 
 
@@ -170,7 +170,7 @@ def test_a_goal_with_a_heading_is_turned_to() -> None:
 @pytest.mark.parametrize("value", [-1, math.nan, math.inf])
 def test_senseless_parameters_are_refused(field: str, value: float) -> None:
     with pytest.raises(ValueError, match=field):
-        Parameters(**{field: value})  # type: ignore[arg-type]
+        BugParameters(**{field: value})  # type: ignore[arg-type]
 
 
 def test_too_few_sonars_are_refused_with_the_number_needed() -> None:

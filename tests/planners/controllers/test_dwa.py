@@ -29,11 +29,10 @@ from robocar.core import (
 )
 from robocar.paths import MODELS
 from robocar.planners.controllers import dwa
-from robocar.planners.controllers.dwa import DynamicWindow, Parameters
-from robocar.planners.controllers.steering import Parameters as SteeringParameters
+from robocar.planners.controllers.dwa import DwaParameters, DynamicWindow
+from robocar.planners.controllers.steering import SteeringParameters
 from robocar.planners.controllers.trajectory_costs import outline_cost, path_distance, rollouts
-from robocar.planners.costmap.layered import Parameters as Inflation
-from robocar.planners.costmap.layered import inflate, safe_cost
+from robocar.planners.costmap.layered import CostmapParameters, inflate, safe_cost
 from robocar.planners.geometry.collision import footprint_free
 from robocar.planners.navigators.plan_and_follow import plan_and_avoid
 from robocar.planners.search import a_star
@@ -45,7 +44,7 @@ OPEN = Costmap(np.zeros((120, 120), dtype=np.uint8), 0.05, SE2(-3.0, -3.0))
 
 
 def planner(robot: Robot | None = None, **parameters: object) -> DynamicWindow:
-    return DynamicWindow(robot or car(), DT, Parameters(**parameters), inflation=Inflation())  # type: ignore[arg-type]
+    return DynamicWindow(robot or car(), DT, DwaParameters(**parameters), inflation=CostmapParameters())  # type: ignore[arg-type]
 
 
 def at(pose: SE2, local: LocalPlanner, costmap: Costmap | None, path: Path | None, goal: Goal, tick: int = 0) -> Command:
@@ -99,7 +98,7 @@ def test_cheap_cells_are_never_near_an_obstacle(seed: int, resolution: float, in
     """Oracle: the exact check of the outline: what `safe_cost` spares never hides a contact."""
     rng = np.random.default_rng(seed)
     grid = OccupancyGrid(np.where(rng.random((30, 30)) < 0.02, OCCUPIED, 0), resolution)
-    p, footprint = Inflation(inflation_radius=inflation, walled=False), car().footprint
+    p, footprint = CostmapParameters(inflation_radius=inflation, walled=False), car().footprint
     costs = inflate(grid, footprint.inscribed_radius, p).data
     vertices, safe = np.array(footprint.vertices / resolution), safe_cost(p, footprint, resolution)
     for x, y, theta in np.column_stack([rng.uniform(0, 30, (40, 2)), rng.uniform(-3, 3, 40)]):
@@ -113,8 +112,8 @@ def test_the_choice_is_the_cheapest_of_all_samples(row: int) -> None:
     data = np.zeros((120, 120), dtype=np.int8)
     data[row : row + 6, 70:76] = OCCUPIED  # 0.5 m ahead
     grid = OccupancyGrid(data, 0.05, SE2(-3.0, -3.0))
-    robot, p = car(), Parameters(vx_samples=4, vtheta_samples=7, window=10.0)
-    costmap = inflate(grid, robot.footprint.inscribed_radius, Inflation(walled=False))
+    robot, p = car(), DwaParameters(vx_samples=4, vtheta_samples=7, window=10.0)
+    costmap = inflate(grid, robot.footprint.inscribed_radius, CostmapParameters(walled=False))
     outline = np.array(robot.footprint.vertices) * (1.0 + 0.02 / robot.footprint.inscribed_radius) / 0.05
     path, goal = Path(np.array([[0.0, 0.0], [2.5, 0.0]])), Goal(np.array([2.5, 0.0]))
     command = at(SE2(), planner(vx_samples=4, vtheta_samples=7, window=10.0), costmap, path, goal)
@@ -153,7 +152,7 @@ def test_a_wall_across_the_way_is_never_touched(scoring: str) -> None:
     """Exact contact check at each tick for 20 s against a wall, with a path that leads through it."""
     grid = field(80, 80, (2.5, 0.0, 2.7, 4.0))
     robot = car()
-    costmap = inflate(grid, robot.footprint.inscribed_radius, Inflation(walled=False))
+    costmap = inflate(grid, robot.footprint.inscribed_radius, CostmapParameters(walled=False))
     path, goal = Path(np.array([[0.5, 2.0], [3.5, 2.0]])), Goal(np.array([3.5, 2.0]))
     log = drives(planner(scoring=scoring), costmap, SE2(0.5, 2.0, 0.0), path, goal, 400)
     outline = np.array(robot.footprint.vertices / 0.05)
@@ -193,7 +192,7 @@ def test_where_nothing_is_admissible_it_stands_and_says_so() -> None:
     """In a box as tight as the slim outline (0.75 of the car's) it can neither go nor turn; 0.3 s later it gives up as stuck."""
     data = np.full((80, 80), OCCUPIED)
     data[32:48, 31:49] = 0  # x -0.09 to 0.09, y -0.08 to 0.08 m
-    box = inflate(OccupancyGrid(data, 0.01, SE2(-0.4, -0.4)), car().footprint.inscribed_radius, Inflation())
+    box = inflate(OccupancyGrid(data, 0.01, SE2(-0.4, -0.4)), car().footprint.inscribed_radius, CostmapParameters())
     goal, path = Goal(np.array([1.5, 0.0])), Path(np.array([[0.0, 0.0], [1.5, 0.0]]))
     local = planner(vx_samples=3, vtheta_samples=3, window=0.5)
     commands = [at(SE2(), local, box, path, goal, tick) for tick in range(12)]
@@ -238,7 +237,7 @@ def test_candidates_and_choice_are_shown_twice_a_second() -> None:
 )  # fmt: skip
 def test_wrong_parameters_are_refused(name: str, value: object) -> None:
     with pytest.raises(ValueError, match=name):
-        Parameters(**{name: value})  # type: ignore[arg-type]
+        DwaParameters(**{name: value})  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("name", ["max_vel_x", "rotate_to_heading_angular_vel", "approach_deceleration", "failure_tolerance"])

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 
 from robocar.core import SE2, Drive, Goal, Path, Twist
 from robocar.planners.controllers import mppi
-from robocar.planners.controllers.mppi import MPPI, Parameters, _correlate, sample_costs
-from robocar.planners.costmap.layered import Parameters as Inflation
-from robocar.planners.costmap.layered import inflate
+from robocar.planners.controllers.mppi import MPPI, MppiParameters, _correlate, sample_costs
+from robocar.planners.costmap.layered import CostmapParameters, inflate
 from robocar.planners.geometry.collision import footprint_free
 from robocar.planners.navigators.plan_and_follow import plan_and_avoid
 from robocar.planners.search import a_star
@@ -23,8 +22,8 @@ from tests.planners.navigators.test_plan_and_follow import field
 
 
 def planner(seed: int = 0, **parameters: object) -> MPPI:
-    chosen = Parameters(**parameters)  # type: ignore[arg-type]
-    return MPPI(car(), DT, np.random.default_rng(seed), chosen, inflation=Inflation())
+    chosen = MppiParameters(**parameters)  # type: ignore[arg-type]
+    return MPPI(car(), DT, np.random.default_rng(seed), chosen, inflation=CostmapParameters())
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.7, 0.95])
@@ -45,7 +44,7 @@ def test_costs_are_those_of_the_trajectories(seed: int) -> None:
     rng = np.random.default_rng(seed)
     grid = field(120, 120, (3.4, 2.4, 3.8, 2.8), (3.6, 3.5, 3.7, 4.4))
     robot = car()
-    costs = inflate(grid, robot.footprint.inscribed_radius, Inflation(walled=False)).data
+    costs = inflate(grid, robot.footprint.inscribed_radius, CostmapParameters(walled=False)).data
     outline = np.array(robot.footprint.vertices / 0.05)
     start = np.array([60.0, 60.0, rng.uniform(-1, 1), 4.0, 0.5])
     limits = np.array([16.0, 4.0, 8.0, 1.5, 1.0, 0.0])
@@ -142,7 +141,7 @@ def test_unknown_boxes_are_driven_around() -> None:
 )  # fmt: skip
 def test_wrong_parameters_are_refused(name: str, value: object) -> None:
     with pytest.raises(ValueError, match=name):
-        Parameters(**{name: value})  # type: ignore[arg-type]
+        MppiParameters(**{name: value})  # type: ignore[arg-type]
 
 
 # -- what moves ----------------------------------------------------------------------------------------------------------

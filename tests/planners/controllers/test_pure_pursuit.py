@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robocar.core import SE2, Belief, Costmap, Footprint, Goal, Observation, Path, Twist
-from robocar.planners.controllers.pure_pursuit import Parameters, PurePursuit
+from robocar.planners.controllers.pure_pursuit import PurePursuit, PurePursuitParameters
 from robocar.planners.geometry.collision import footprint_free
 from robocar.planners.geometry.polyline import blocked_ahead, nearest_on_path, point_ahead
 from tests.planners.kinematic import DT, car
@@ -201,4 +201,4 @@ def test_without_a_path_it_drives_to_the_goal() -> None:
 )
 def test_wrong_parameters_are_refused(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=name):
-        Parameters(**{name: value})
+        PurePursuitParameters(**{name: value})

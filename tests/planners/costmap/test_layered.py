@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from robocar.core import FREE, INSCRIBED, LETHAL, NO_INFORMATION, OCCUPIED, SE2, UNKNOWN, Observation, OccupancyGrid, Scan
 from robocar.core.rays import cast_rays
-from robocar.planners.costmap.layered import LayeredCostmap, Parameters, inflate
+from robocar.planners.costmap.layered import CostmapParameters, LayeredCostmap, inflate
 from tests.planners.kinematic import BEAM, car
 
-OPEN = Parameters(walled=False)
+OPEN = CostmapParameters(walled=False)
 
 
 def grid_of(seed: int, rows: int, cols: int, resolution: float, unknown: bool = False) -> OccupancyGrid:
@@ -49,7 +49,7 @@ def test_inflation_follows_the_distance_to_the_squares(
 ) -> None:
     """Oracle: brute-force distances and Nav2's formula; a walled map is one with a frame of obstacles around it."""
     grid = grid_of(seed, *shape, resolution)
-    parameters = Parameters(inflation_radius=reach, cost_scaling_factor=scaling, margin=0.02, walled=walled)
+    parameters = CostmapParameters(inflation_radius=reach, cost_scaling_factor=scaling, margin=0.02, walled=walled)
     found = inflate(grid, radius, parameters).data
     framed = OccupancyGrid(np.pad(grid.data, 1, constant_values=OCCUPIED if walled else FREE), resolution)
     d = square_distance(framed, framed.occupied)[1:-1, 1:-1]
@@ -66,9 +66,9 @@ def test_unknown_cells_are_free_or_obstacles() -> None:
     """By hand: a row of 5 with its first cell unknown, robot radius 0.12 m on cells of 0.1 m: one neighbour is too near, 0.05
     m."""
     grid = OccupancyGrid(np.array([[UNKNOWN, 0, 0, 0, 0]]), 0.1)
-    allowed = Parameters(walled=False, inflation_radius=0.0)
+    allowed = CostmapParameters(walled=False, inflation_radius=0.0)
     np.testing.assert_array_equal(inflate(grid, 0.12, allowed).data, [[0, 0, 0, 0, 0]])
-    forbidden = Parameters(walled=False, inflation_radius=0.0, allow_unknown=False)
+    forbidden = CostmapParameters(walled=False, inflation_radius=0.0, allow_unknown=False)
     np.testing.assert_array_equal(inflate(grid, 0.12, forbidden).data, [[NO_INFORMATION, INSCRIBED, 0, 0, 0]])
 
 
@@ -76,7 +76,7 @@ def test_unknown_cells_are_free_or_obstacles() -> None:
 @pytest.mark.parametrize("value", [-1.0, math.nan, math.inf])
 def test_wrong_parameters_are_refused(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=name):
-        Parameters(**{name: value})
+        CostmapParameters(**{name: value})
 
 
 def test_coarse_maps_are_split_about_their_cells_centres() -> None:
@@ -201,7 +201,7 @@ def test_local_inflation_equals_inflating_everything(seed: int) -> None:
     """Oracle: `inflate` on the occupancy that the layer shows, after random laser and sonar readings from random poses."""
     rng = np.random.default_rng(seed)
     prior = OccupancyGrid(np.where(rng.random((50, 60)) < 0.02, OCCUPIED, FREE), 0.05, SE2(1.0, 2.0, 0.3))
-    parameters = Parameters(walled=bool(rng.integers(2)))
+    parameters = CostmapParameters(walled=bool(rng.integers(2)))
     robot = car()
     layer = LayeredCostmap(prior, robot, parameters)
     for _ in range(12):
@@ -238,7 +238,7 @@ def test_where_the_robot_stands_nothing_else_is() -> None:
 
 def test_without_a_prior_the_grid_covers_what_it_must_and_grows_with_the_way() -> None:
     """Property: start, goal and robot always have half the room around them; what was seen keeps its place in the world."""
-    layer = LayeredCostmap(None, car(), Parameters(free_space=2.0))
+    layer = LayeredCostmap(None, car(), CostmapParameters(free_space=2.0))
     with pytest.raises(ValueError, match="cover"):
         layer.costmap()
     layer.cover([(0.0, 0.0), (3.0, 1.0)])
@@ -278,7 +278,7 @@ def test_a_wall_seen_along_does_not_crumble(seed: int) -> None:
     data = np.zeros((60, 120), dtype=np.int8)
     data[30] = OCCUPIED
     world = OccupancyGrid(data, 0.05, SE2(-1.0, -2.0))
-    layer, rng = LayeredCostmap(None, car(), Parameters(walled=False)), np.random.default_rng(seed)
+    layer, rng = LayeredCostmap(None, car(), CostmapParameters(walled=False)), np.random.default_rng(seed)
     layer.cover(world.corners())
     bearings = np.radians(np.arange(0.0, 360.0, 1.0))
     gaps = []
@@ -296,7 +296,7 @@ def test_a_wall_seen_along_does_not_crumble(seed: int) -> None:
 def test_without_a_prior_a_way_leads_round_everything_that_was_seen(seed: int) -> None:
     """Property: wherever the car was and whatever it heard, the rim of the grid is one ring of free cells."""
     rng = np.random.default_rng(seed)
-    layer = LayeredCostmap(None, car(), Parameters())
+    layer = LayeredCostmap(None, car(), CostmapParameters())
     pose = SE2()
     for _ in range(30):
         pose = pose @ SE2(rng.uniform(0.0, 0.8), 0.0, rng.uniform(-1.0, 1.0))

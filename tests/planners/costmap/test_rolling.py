@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robocar.core import FREE, OCCUPIED, SE2, Observation, OccupancyGrid
-from robocar.planners.costmap.layered import LayeredCostmap, Parameters
-from robocar.planners.costmap.rolling import Parameters as RollingParameters
-from robocar.planners.costmap.rolling import RollingCostmap
+from robocar.planners.costmap.layered import CostmapParameters, LayeredCostmap
+from robocar.planners.costmap.rolling import RollingCostmap, RollingCostmapParameters
 from tests.planners.costmap.test_layered import laser, lethal_points, sonar
 from tests.planners.kinematic import car
 
@@ -22,8 +21,8 @@ def test_it_shows_what_the_whole_costmap_shows(seed: int, walled: bool) -> None:
     robot stays so near that nothing is forgotten."""
     rng = np.random.default_rng(seed)
     prior = OccupancyGrid(np.where(rng.random((80, 90)) < 0.02, OCCUPIED, FREE), 0.05, SE2(1.0, 2.0, 0.3))
-    p = Parameters(walled=walled)
-    whole, window = LayeredCostmap(prior, car(), p), RollingCostmap(prior, car(), p, RollingParameters(local_width=3.0))
+    p = CostmapParameters(walled=walled)
+    whole, window = LayeredCostmap(prior, car(), p), RollingCostmap(prior, car(), p, RollingCostmapParameters(local_width=3.0))
     middle = prior.origin.transform([2.2, 2.0])
     for _ in range(10):
         x, y = middle + rng.uniform(-0.1, 0.1, 2)
@@ -43,7 +42,7 @@ def test_it_shows_what_the_whole_costmap_shows(seed: int, walled: bool) -> None:
 
 def test_what_was_seen_keeps_its_place_until_it_leaves_the_window() -> None:
     """By hand: a window of 4 m follows in steps above 0.5 m; an obstacle at x = 1 is gone when the car is 3 m past it."""
-    layer = RollingCostmap(None, car(), Parameters(), RollingParameters(local_width=4.0))
+    layer = RollingCostmap(None, car(), CostmapParameters(), RollingCostmapParameters(local_width=4.0))
     with pytest.raises(ValueError, match="cover"):
         layer.costmap()
     layer.update(SE2(0.0, 0.02, 0.0), laser(np.array([1.02]), np.array([0.0])))
@@ -76,7 +75,7 @@ def test_it_marks_and_clears_as_the_whole_costmap_does() -> None:
 def test_clearing_forgets_what_was_seen_and_keeps_the_prior() -> None:
     data = np.zeros((80, 100), dtype=np.int8)
     data[50, 50] = OCCUPIED
-    layer = RollingCostmap(OccupancyGrid(data, 0.05, SE2(-1.0, -2.0)), car(), Parameters(walled=False))
+    layer = RollingCostmap(OccupancyGrid(data, 0.05, SE2(-1.0, -2.0)), car(), CostmapParameters(walled=False))
     layer.update(SE2(), Observation(0.0))
     fresh = layer.costmap().data
     assert np.count_nonzero(fresh == 254) == 1
@@ -89,4 +88,4 @@ def test_clearing_forgets_what_was_seen_and_keeps_the_prior() -> None:
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
 def test_wrong_widths_are_refused(value: float) -> None:
     with pytest.raises(ValueError, match="local_width"):
-        RollingParameters(local_width=value)
+        RollingCostmapParameters(local_width=value)

@@ -32,7 +32,7 @@ from robocar.planners.costmap.layered import inflate
 from robocar.planners.harmonic import local as harmonic_local
 from robocar.planners.harmonic import planner as harmonic
 from robocar.planners.harmonic.laplace import laplace_problem, solve
-from robocar.planners.harmonic.local import HarmonicLocal, Parameters
+from robocar.planners.harmonic.local import HarmonicLocal, HarmonicLocalParameters
 from robocar.planners.harmonic.planner import Harmonic
 from robocar.planners.harmonic.streamline import streamline
 from tests.planners.kinematic import DT, Drives, car, context, drive
@@ -42,7 +42,7 @@ RESOLUTION = 0.05
 
 
 def follower(**parameters: float) -> HarmonicLocal:
-    return HarmonicLocal(Harmonic(), PurePursuit(car(), DT), Parameters(**parameters))
+    return HarmonicLocal(Harmonic(), PurePursuit(car(), DT), HarmonicLocalParameters(**parameters))
 
 
 def hall(rows: int, cols: int, *boxes: tuple[float, float, float, float], origin: SE2 | None = None) -> Costmap:
@@ -256,7 +256,7 @@ def test_parameters_are_checked_and_reach_their_parts() -> None:
     assert isinstance(navigator.local_planner, HarmonicLocal)
     assert navigator.local_planner.planner is navigator.global_planner
     assert navigator.local_planner.parameters.horizon == 0.7
-    assert navigator.local_planner.planner.parameters == harmonic.Parameters(max_step=0.25)
+    assert navigator.local_planner.planner.parameters == harmonic.HarmonicParameters(max_step=0.25)
     assert navigator.local_planner.pursuit.parameters.lookahead_dist == 0.3
     with pytest.raises(ParameterError, match=r"horizon must be at least 0.1 m, not 0.05"):
         harmonic_local.build(context(car(), world, None, horizon=0.05))

@@ -12,7 +12,7 @@ from robocar.core import SE2, Costmap, Field, GoalOccupied, NoPathFound, Outside
 from robocar.formats.generated import maze, rooms
 from robocar.formats.movingai import load_movingai_map
 from robocar.planners.harmonic.laplace import laplace_problem, solve
-from robocar.planners.harmonic.planner import Harmonic, Parameters, build
+from robocar.planners.harmonic.planner import Harmonic, HarmonicParameters, build
 from robocar.planners.harmonic.streamline import descend, streamline
 from robocar.planners.search.a_star import AStar
 from tests.planners.grids import costmaps, free_pair
@@ -37,7 +37,7 @@ def test_a_path_is_found_exactly_where_there_is_one(costmap, seed, smooth) -> No
     if pair is None:
         return
     start, goal = (costmap.world_from_cell(c) for c in pair)
-    planner = Harmonic(Parameters(smooth=smooth))
+    planner = Harmonic(HarmonicParameters(smooth=smooth))
     _, labels = cv2.connectedComponents((~costmap.blocked).astype(np.uint8), connectivity=4)
     if labels[tuple(pair[0])] != labels[tuple(pair[1])]:
         with pytest.raises(NoPathFound):
@@ -127,9 +127,9 @@ def test_reflecting_walls_give_shorter_paths_and_mixed_ones_lie_between() -> Non
     lengths = [
         Harmonic(parameters).plan(costmap, start, goal).path.length
         for parameters in (
-            Parameters(wall_conductance=0.0, leak=0.05),
-            Parameters(wall_conductance=0.02, leak=0.001),
-            Parameters(),
+            HarmonicParameters(wall_conductance=0.0, leak=0.05),
+            HarmonicParameters(wall_conductance=0.02, leak=0.001),
+            HarmonicParameters(),
         )
     ]
     shortest = AStar().plan(costmap, start, goal).path.length
@@ -235,7 +235,7 @@ def test_bad_input_is_named() -> None:
 )
 def test_bad_parameters_are_refused(name, value, make_context) -> None:
     with pytest.raises(ValueError, match=name):
-        Parameters(**{name: value})
+        HarmonicParameters(**{name: value})
     with pytest.raises(ParameterError, match=name):
         build(make_context({name: value}))
 

@@ -31,7 +31,7 @@ from robocar.core import (
 from robocar.formats.generated import maze, rooms
 from robocar.planners.controllers import pure_pursuit
 from robocar.planners.costmap.layered import inflate
-from robocar.planners.navigators.plan_and_follow import Parameters, PlanAndFollow, Reactive, plan_and_follow
+from robocar.planners.navigators.plan_and_follow import NavigatorParameters, PlanAndFollow, Reactive, plan_and_follow
 from robocar.planners.search import a_star, d_star_lite, theta_star
 from tests.planners.kinematic import BEAM, DT, Drives, car, context, drive
 
@@ -285,4 +285,4 @@ def test_random_boxes_are_never_touched(seed: int) -> None:
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
 def test_wrong_parameters_are_refused(value: float) -> None:
     with pytest.raises(ValueError, match="max_path_deviation"):
-        Parameters(max_path_deviation=value)
+        NavigatorParameters(max_path_deviation=value)

@@ -23,21 +23,20 @@ from robocar.core import (
     Twist,
 )
 from robocar.planners.controllers import dwa, pure_pursuit
-from robocar.planners.costmap.layered import Parameters as Inflation
-from robocar.planners.costmap.layered import inflate
+from robocar.planners.costmap.layered import CostmapParameters, inflate
 from robocar.planners.navigators.plan_and_follow import PlanAndFollow, plan_and_avoid, plan_and_follow
-from robocar.planners.navigators.recovery import Parameters, Recovery, Watch
+from robocar.planners.navigators.recovery import Recovery, RecoveryParameters, Watch
 from robocar.planners.search import a_star
 from tests.planners.kinematic import DT, car, context, drive, sense, touches
 from tests.planners.navigators.test_plan_and_follow import field
 
-OPEN = inflate(field(80, 80), car().footprint.inscribed_radius, Inflation(walled=False))
+OPEN = inflate(field(80, 80), car().footprint.inscribed_radius, CostmapParameters(walled=False))
 START = SE2(2.0, 2.0, 0.4)
 
 
 def carry_out(name: str, costmap: Costmap = OPEN, start: SE2 = START, **parameters: float) -> tuple[list[SE2], list[Twist]]:
     """Poses and twists of one behaviour, without physics."""
-    recovery = Recovery(car(), DT, Parameters(**parameters))  # type: ignore[arg-type]
+    recovery = Recovery(car(), DT, RecoveryParameters(**parameters))  # type: ignore[arg-type]
     recovery.start(name, start, 0.0)
     poses, twists = [start], []
     for tick in range(1000):
@@ -62,7 +61,7 @@ def test_backing_up_goes_straight_back_as_far_as_asked() -> None:
 def test_backing_up_ends_before_a_wall() -> None:
     """Exact: the wall's face is 0.2 m behind the car's rear; it stops before it, and well before the time is over."""
     world = field(80, 80, (0.0, 0.0, 1.0, 4.0))
-    costmap = inflate(world, car().footprint.inscribed_radius, Inflation(walled=False))
+    costmap = inflate(world, car().footprint.inscribed_radius, CostmapParameters(walled=False))
     poses, _ = carry_out("back_up", costmap, SE2(1.3, 2.0, 0.0), backup_dist=1.0)
     assert 1.0 < poses[-1].x - 0.1 < 1.15
     assert len(poses) * DT < 10.0
@@ -83,7 +82,7 @@ def test_waiting_stands_for_its_time() -> None:
 
 def test_their_order_and_number() -> None:
     """Nav2's order, again and again; number_of_retries ends it; a robot that has got away begins anew."""
-    recovery = Recovery(car(), DT, Parameters(number_of_retries=6, required_movement_radius=0.5))
+    recovery = Recovery(car(), DT, RecoveryParameters(number_of_retries=6, required_movement_radius=0.5))
     names = [recovery.next("why", SE2(), 0.0) for _ in range(7)]
     assert names == ["clear", "back_up", "spin", "wait", "clear", "back_up", None]
     assert recovery.next("why", SE2(0.6, 0.0), 0.0) == "clear"
@@ -92,7 +91,7 @@ def test_their_order_and_number() -> None:
 
 def test_lost_progress_is_standing_within_a_radius_for_a_time() -> None:
     """By hand: 0.5 m within 10 s. A car that goes to and fro within 0.4 m makes none."""
-    watch = Watch(Parameters())
+    watch = Watch(RecoveryParameters())
     lost = [watch.lost_progress(SE2(0.2 + 0.2 * math.sin(t)), t) for t in np.arange(0.0, 12.0, 0.5)]
     assert lost.index(True) * 0.5 == 10.5
     watch.forget()
@@ -115,7 +114,7 @@ class Blocked:
 
 def follower(local: Blocked, recover: bool) -> PlanAndFollow:
     plain = plan_and_follow(context(car(), field(80, 80), START), a_star.build, pure_pursuit.build)
-    recovery = Recovery(car(), DT, Parameters(number_of_retries=4, movement_time_allowance=2.0, wait_duration=1.0))
+    recovery = Recovery(car(), DT, RecoveryParameters(number_of_retries=4, movement_time_allowance=2.0, wait_duration=1.0))
     return PlanAndFollow(plain.global_planner, local, plain.costmap, plain.parameters, recovery=recovery if recover else None)
 
 
@@ -220,7 +219,7 @@ def test_something_on_the_goal_is_waited_for() -> None:
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
 def test_wrong_parameters_are_refused(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=name):
-        Parameters(**{name: value})  # type: ignore[arg-type]
+        RecoveryParameters(**{name: value})  # type: ignore[arg-type]
 
 
 def test_planning_errors_carry_what_was_searched() -> None:

@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from robocar.core import SE2, Array
 from robocar.planners.safe_direction.fan import shortest_direction
-from robocar.planners.safe_direction.method import Decision, Directions, Parameters
+from robocar.planners.safe_direction.method import Decision, Directions, SafeDirectionParameters
 from robocar.planners.safe_direction.view import Readings, Sector, window
 from robocar.planners.search.transforms import distance_transform
 from tests.planners.kinematic import car
@@ -40,7 +40,9 @@ def turned(a: float, b: float) -> float:
     return (a - b + math.pi) % math.tau - math.pi
 
 
-def written_down(seen: Readings, heading: float, goal: Array, p: Parameters, sector: Sector, radii: tuple[float, float]):
+def written_down(
+    seen: Readings, heading: float, goal: Array, p: SafeDirectionParameters, sector: Sector, radii: tuple[float, float]
+):
     """The decision's parts: clearance, distance, contact distances, N, and heading, |p_L|, p_SF, p_D, alpha of the choice."""
     r, n = p.resolution, p.number_of_directions
     row, col = int(seen.y), int(seen.x)
@@ -105,7 +107,7 @@ def test_a_quick_decision_is_the_plain_one(seed: int, whole: bool, alpha: float)
     """
     seen, heading = surroundings(seed)
     rng = np.random.default_rng([seed, 1])
-    p = Parameters(alpha=alpha, number_of_directions=91, max_range=1.5)
+    p = SafeDirectionParameters(alpha=alpha, number_of_directions=91, max_range=1.5)
     sector, outline = Sector(math.tau if whole else 1.9 * math.pi, 1.5), car(()).footprint
     method = Directions(car(()), sector, p)
     room = edt(seen.occupied)

@@ -24,9 +24,9 @@ from robocar.core import (
 )
 from robocar.planners.safe_direction.fan import Fan, choose, directions, fan, safe_direction, shortest_direction
 from robocar.planners.safe_direction.memory import RollingMemory
-from robocar.planners.safe_direction.method import Directions, Parameters
+from robocar.planners.safe_direction.method import Directions, SafeDirectionParameters
 from robocar.planners.safe_direction.planner import build, build_with_memory
-from robocar.planners.safe_direction.view import Panorama, Readings, Sector, leading_edges, sector_of, window
+from robocar.planners.safe_direction.view import DirectionPanorama, Readings, Sector, leading_edges, sector_of, window
 from robocar.planners.search.transforms import distance_transform
 from tests.planners.kinematic import DT, car, context
 
@@ -59,10 +59,10 @@ def scan(world: OccupancyGrid, pose: SE2, time: float = 0.0, bearings: np.ndarra
     return Scan(time, ranges, bearings, 6.0, 0.0, SE2(0.03, 0.0))
 
 
-def look(world: OccupancyGrid, pose: SE2, parameters: Parameters | None = None) -> tuple[Directions, Readings]:
-    p = parameters or Parameters()
+def look(world: OccupancyGrid, pose: SE2, parameters: SafeDirectionParameters | None = None) -> tuple[Directions, Readings]:
+    p = parameters or SafeDirectionParameters()
     sector = sector_of(robot(), p.view_angle, p.max_range)
-    panorama = Panorama(sector, p.resolution, 0.12)
+    panorama = DirectionPanorama(sector, p.resolution, 0.12)
     assert panorama.look(pose, scan(world, pose), ())
     method = Directions(robot(), sector, p)
     return method, method.readings(pose, panorama)
@@ -218,7 +218,7 @@ def test_surfaces_are_where_they_are(x: float, y: float, theta: float) -> None:
 def test_a_panorama_grows_while_the_robot_turns_and_is_dropped_when_it_drives() -> None:
     """A sector of 90 degrees that is turned by 90 has seen half a circle; half a metre on it has seen a quarter again."""
     world = room()
-    panorama = Panorama(Sector(math.pi / 2, 3.0), 0.05, 0.12)
+    panorama = DirectionPanorama(Sector(math.pi / 2, 3.0), 0.05, 0.12)
     seen = []
     for pose in (SE2(3.0, 2.0, 0.0), SE2(3.0, 2.0, math.pi / 2), SE2(3.5, 2.0, math.pi / 2)):
         panorama.look(pose, scan(world, pose), ())

@@ -12,22 +12,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robocar.core import BudgetExhausted, Costmap, NoPathFound, Segments
-from robocar.planners.sampling.random_trees import Growth, Obstacles, edge_cost, shortcut
-from robocar.planners.sampling.rrt import RRT, VARIANTS, Parameters, circle_world, costmap_world, path_cost, search
+from robocar.planners.sampling.random_trees import Growth, TreeObstacles, edge_cost, shortcut
+from robocar.planners.sampling.rrt import RRT, VARIANTS, RrtParameters, circle_world, costmap_world, path_cost, search
 
 REFERENCES = Path(os.environ.get("ROBOCAR_DATA") or Path(__file__).resolve().parents[4] / "shared" / "data") / "references"
 needs_references = pytest.mark.skipif(not REFERENCES.is_dir(), reason="no reference problems: set ROBOCAR_DATA")
-PLAIN = Parameters(step=2.0, goal_tolerance=2.0, max_samples=20_000, shortcuts=0)
+PLAIN = RrtParameters(step=2.0, goal_tolerance=2.0, max_samples=20_000, shortcuts=0)
 
 
-def scattered(seed: int, n: int = 12) -> Obstacles:
+def scattered(seed: int, n: int = 12) -> TreeObstacles:
     """Circles in a square of 20, none near the corners (1, 1) and (19, 19)."""
     rng = np.random.default_rng(seed)
     circles = np.column_stack([rng.uniform(3, 17, (n, 2)), rng.uniform(0.5, 2.0, n)])
     return circle_world(circles, (0, 0), (20, 20))
 
 
-def check_tree(world: Obstacles, grown: Growth, longest: float) -> None:
+def check_tree(world: TreeObstacles, grown: Growth, longest: float) -> None:
     """By its definition: every edge is free and at most a step long, and costs add up along the way from the root."""
     tree = grown.tree
     children = np.flatnonzero(tree.parents >= 0)
@@ -56,7 +56,7 @@ def test_segments_among_circles_are_checked_exactly(seed: int) -> None:
 def test_table_1_step_by_step() -> None:
     """By hand (Table 1 of the paper, all samples at the goal): nodes every 0.5 from (0, 0) to (2, 0), reached within 0.5."""
     world = circle_world(np.empty((0, 3)), (-1, -1), (3, 1))
-    only_goal = Parameters(step=0.5, goal_tolerance=0.5, goal_bias=1.0, shortcuts=0)
+    only_goal = RrtParameters(step=0.5, goal_tolerance=0.5, goal_bias=1.0, shortcuts=0)
     grown = search(world, (0, 0), (2, 0), only_goal, np.random.default_rng(0))
     np.testing.assert_allclose(grown.path, [[0, 0], [0.5, 0], [1, 0], [1.5, 0], [2, 0]])
     assert grown.samples == 3
@@ -91,7 +91,7 @@ def test_new_nodes_hang_on_the_nearest_of_the_older_ones(seed: int) -> None:
     """Oracle: brute force. In the open a step goes straight at its sample, so its parent is the nearest node to the child too,
     unless the step was cut short; with steps that reach every sample it never is."""
     world = circle_world(np.empty((0, 3)), (0, 0), (10, 10))
-    p = Parameters(step=20.0, goal_tolerance=1e-9, goal_bias=0.0, max_samples=300, shortcuts=0)
+    p = RrtParameters(step=20.0, goal_tolerance=1e-9, goal_bias=0.0, max_samples=300, shortcuts=0)
     tree = search(world, (5, 5), (1, 1), p, np.random.default_rng(seed)).tree
     for i in range(1, len(tree.nodes)):
         distances = np.linalg.norm(tree.nodes[:i] - tree.nodes[i], axis=1)
@@ -101,7 +101,7 @@ def test_new_nodes_hang_on_the_nearest_of_the_older_ones(seed: int) -> None:
 def test_buckets_find_the_nearest_node_too() -> None:
     """Oracle: brute force; small steps make many buckets, and every sample is reached from the nearest node by a whole step."""
     world = circle_world(np.empty((0, 3)), (0, 0), (10, 10))
-    p = Parameters(step=0.2, goal_tolerance=1e-9, goal_bias=0.0, max_samples=3000, shortcuts=0, adaptive_step=False)
+    p = RrtParameters(step=0.2, goal_tolerance=1e-9, goal_bias=0.0, max_samples=3000, shortcuts=0, adaptive_step=False)
     rng = np.random.default_rng(3)
     tree = search(world, (5, 5), (1, 1), p, np.random.default_rng(3)).tree
     assert len(tree.nodes) == 3001
@@ -116,7 +116,7 @@ def test_more_samples_never_make_rrt_star_worse() -> None:
     """Property: with the same seed a longer run goes on where the shorter one ended, and rewiring only lowers costs."""
     costs = []
     for samples in (500, 1000, 2000, 4000, 8000):
-        p = Parameters(variant="rrt-star", step=3.0, max_samples=samples, shortcuts=0)
+        p = RrtParameters(variant="rrt-star", step=3.0, max_samples=samples, shortcuts=0)
         grown = search(scattered(4), (1, 1), (19, 19), p, np.random.default_rng(0))
         costs.append(path_cost(scattered(4), grown.path))
     assert costs == sorted(costs, reverse=True)
@@ -143,7 +143,7 @@ def walled_off() -> Costmap:
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_without_a_way_the_budget_ends_and_the_tree_is_kept(variant: str) -> None:
     """The wall at x = 3.0 to 3.1 is never crossed by an edge."""
-    planner = RRT(np.random.default_rng(0), Parameters(variant=variant, max_samples=700))
+    planner = RRT(np.random.default_rng(0), RrtParameters(variant=variant, max_samples=700))
     with pytest.raises(NoPathFound, match=r"no way from .* found with 700 samples") as error:
         planner.plan(walled_off(), (1.0, 1.0), (5.0, 1.0))
     assert isinstance(error.value, BudgetExhausted)
@@ -157,7 +157,7 @@ def test_without_a_way_the_budget_ends_and_the_tree_is_kept(variant: str) -> Non
 def test_costs_are_those_of_the_grid_searches() -> None:
     """Analytic: in the open a plan costs its length, on cells of cost 126 one and a half times as much."""
     for cost in (0, 126):
-        planner = RRT(np.random.default_rng(1), Parameters(shortcuts=0))
+        planner = RRT(np.random.default_rng(1), RrtParameters(shortcuts=0))
         plan = planner.plan(Costmap(np.full((50, 50), cost, dtype=np.uint8), 0.1), (0.55, 0.55), (4.5, 4.2))
         assert plan.cost == pytest.approx(plan.path.length * (1 + cost / 252), rel=1e-9)
 
@@ -177,7 +177,7 @@ def test_costs_are_those_of_the_grid_searches() -> None:
 )
 def test_wrong_parameters_are_refused(name: str, value: object) -> None:
     with pytest.raises(ValueError, match=name):
-        Parameters(**{name: value})  # type: ignore[arg-type]
+        RrtParameters(**{name: value})  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -192,7 +192,7 @@ def test_worlds_that_are_none_are_refused(circles: list, low: tuple, high: tuple
 # -- published problems --------------------------------------------------------------------------------------------------
 
 
-def ompl_world() -> tuple[Obstacles, list[dict]]:
+def ompl_world() -> tuple[TreeObstacles, list[dict]]:
     """The circles, and the 100 queries with lower bounds: visibility graphs' where they are given, else the straight line's."""
     lines = (REFERENCES / "circle_obstacles.txt").read_text().splitlines()[2:]
     circles = [[float(word) for word in line.split()[1:4]] for line in lines if line.strip()]
@@ -228,13 +228,13 @@ def test_pythonrobotics_problems() -> None:
     for name in ("pythonrobotics_rrt", "pythonrobotics_rrt_star"):
         problem = json.loads((REFERENCES / "circle_optimal_bounds.json").read_text())[name]
         world = pythonrobotics(problem)
-        p = Parameters(step=3.0, goal_tolerance=3.0, max_samples=20_000)
+        p = RrtParameters(step=3.0, goal_tolerance=3.0, max_samples=20_000)
         for seed in range(10):
             path = search(world, problem["start"], problem["goal"], p, np.random.default_rng(seed)).path
             assert problem["optimal_length_bounds"][0] * (1 - 1e-9) <= path_cost(world, path) < math.inf
 
 
-def pythonrobotics(problem: dict) -> Obstacles:
+def pythonrobotics(problem: dict) -> TreeObstacles:
     circles = np.array(problem["obstacles"], dtype=float)
     circles[:, 2] += problem["robot_radius"]
     low, high = problem["rand_area"]
@@ -250,7 +250,7 @@ def test_rrt_star_comes_within_3_percent_of_the_optimum() -> None:
     problem = json.loads((REFERENCES / "circle_optimal_bounds.json").read_text())["pythonrobotics_rrt_star"]
     problems.append((pythonrobotics(problem), problem["start"], problem["goal"], *problem["optimal_length_bounds"]))
     for world, start, goal, lower, upper in problems:
-        p = Parameters(variant="rrt-star", step=5.0, max_samples=20_000, shortcuts=0)
+        p = RrtParameters(variant="rrt-star", step=5.0, max_samples=20_000, shortcuts=0)
         cost = path_cost(world, search(world, start, goal, p, np.random.default_rng(0)).path)
         assert lower * (1 - 1e-9) <= cost <= 1.03 * upper
 

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from robocar.core import LETHAL, Context, Costmap, ParameterError
 from robocar.formats.movingai import load_movingai_map, load_scenarios
-from robocar.planners.search.a_star import AStar, Parameters, build
+from robocar.planners.search.a_star import AStar, AStarParameters, build
 from tests.planners.grids import costmaps, free_pair, step_graph
 
 SCENARIOS = [
@@ -59,7 +59,7 @@ def test_cost_is_the_optimum(costmap: Costmap, seed: int, weight: float) -> None
     assume(pair is not None)
     source, target = (int(cell[0]) * costmap.shape[1] + int(cell[1]) for cell in pair)
     optimum = dijkstra(step_graph(costmap), indices=source)[target]
-    found = AStar(Parameters(weight=weight)).search(costmap, tuple(pair[0]), tuple(pair[1]))
+    found = AStar(AStarParameters(weight=weight)).search(costmap, tuple(pair[0]), tuple(pair[1]))
     assert (found.cells is None) == np.isinf(optimum)
     assert found.cells is None or found.cost == pytest.approx(optimum, rel=1e-7)
 
@@ -75,7 +75,7 @@ def test_weight_bounds_the_cost(costmap: Costmap, seed: int, weight: float) -> N
     cells = [int(cell[0]) * costmap.shape[1] + int(cell[1]) for cell in pair]
     optimum = dijkstra(graph, indices=cells[0])[cells[1]]
     assume(np.isfinite(optimum))
-    found = AStar(Parameters(weight=weight)).search(costmap, tuple(pair[0]), tuple(pair[1]))
+    found = AStar(AStarParameters(weight=weight)).search(costmap, tuple(pair[0]), tuple(pair[1]))
     assert found.cells is not None
     on_path = found.cells[:, 0] * costmap.shape[1] + found.cells[:, 1]
     assert found.cost == pytest.approx(sum(graph[a, b] for a, b in itertools.pairwise(on_path)), rel=1e-7)
@@ -90,14 +90,16 @@ def test_a_large_weight_searches_far_across_the_ring_of_buckets() -> None:
     blocked[0, :] = blocked[:, -1] = False
     costmap = costmap_of(blocked)
     start, goal = costmap.world_from_cell([(0, 0), (199, 199)])
-    plan = AStar(Parameters(weight=100.0)).plan(costmap, start, goal)
+    plan = AStar(AStarParameters(weight=100.0)).plan(costmap, start, goal)
     assert plan.cost == pytest.approx(plan.path.length, rel=1e-7)
     assert plan.expanded < PLANNER.plan(costmap, start, goal).expanded
 
 
 def test_thesis_metric_counts_10_and_14() -> None:
     """By hand: 3 diagonal and 2 straight steps are 3 * 14 + 2 * 10 = 62 tenths of a cell."""
-    plan = AStar(Parameters(metric="thesis")).plan(Costmap(np.zeros((4, 6)), 0.3), np.array([0.15, 0.15]), np.array([1.65, 1.05]))
+    plan = AStar(AStarParameters(metric="thesis")).plan(
+        Costmap(np.zeros((4, 6)), 0.3), np.array([0.15, 0.15]), np.array([1.65, 1.05])
+    )
     assert plan.cost == pytest.approx(6.2 * 0.3)
 
 
@@ -106,7 +108,7 @@ def test_thesis_heuristic_expands_less_and_may_pay_for_it() -> None:
     worse."""
     rng = np.random.default_rng(4)
     costs, optima, expanded = [], [], []
-    thesis, dijkstra_ = AStar(Parameters(metric="thesis")), AStar(Parameters(metric="thesis", weight=0.0))
+    thesis, dijkstra_ = AStar(AStarParameters(metric="thesis")), AStar(AStarParameters(metric="thesis", weight=0.0))
     for _ in range(60):
         costmap = costmap_of(rng.random((30, 30)) < 0.2)
         component = dijkstra(step_graph(costmap), indices=0)

@@ -6,7 +6,7 @@ import pytest
 from robocar.core import SE2, Costmap, GoalOccupied, NoPathFound, StartOccupied
 from robocar.formats.generated import cave, maze, rooms
 from robocar.planners.search.a_star import AStar
-from robocar.planners.search.d_star_lite import DStarLite, Parameters
+from robocar.planners.search.d_star_lite import DStarLite, DStarLiteParameters
 from tests.planners.grids import random_costs
 
 EDITS = 1000
@@ -149,7 +149,7 @@ def test_another_place_starts_over(other: Costmap) -> None:
 @pytest.mark.parametrize("restart_fraction", [0.0, 1.0])
 def test_restarting_and_repairing_agree(restart_fraction: float) -> None:
     """Oracle: A* from scratch after every cell has changed."""
-    planner = DStarLite(Parameters(restart_fraction=restart_fraction))
+    planner = DStarLite(DStarLiteParameters(restart_fraction=restart_fraction))
     costs = MAPS["random 0.1 True"]
     start, goal = Costmap(costs, 1.0).world_from_cell(np.argwhere(costs < 253)[[0, -1]])
     planner.plan(Costmap(costs, 1.0), start, goal)

@@ -17,7 +17,7 @@ from robocar.core import OCCUPIED, SE2, Belief, GiveUp, Goal, Observation, Occup
 from robocar.core.geodesic import geodesic_distance
 from robocar.episode.result import RunResult
 from robocar.episode.run import run
-from robocar.planners.search.dynamic_a_star import DynamicAStar, Lattice, Parameters, build
+from robocar.planners.search.dynamic_a_star import CarLattice, DynamicAStar, DynamicAStarParameters, build
 from robocar.planners.search.obstacle_memory import (
     _EXPLAINED,
     _HIT,
@@ -195,7 +195,7 @@ class TestLattice:
     def test_the_thesis_field_has_11_by_8_centred_cells(self) -> None:
         """3.5 - 11 x 0.3 = 0.2 m and 2.5 - 8 x 0.3 = 0.1 m remain, half on each side."""
         prior = OccupancyGrid(np.zeros((50, 70), dtype=np.int8), 0.05)
-        lattice = Lattice(0.30, prior, SE2(), np.array([3.0, 2.0]))
+        lattice = CarLattice(0.30, prior, SE2(), np.array([3.0, 2.0]))
         assert lattice.shape == (8, 11)
         assert lattice.centre((0, 0)) == pytest.approx((0.25, 0.20))
         assert lattice.centre((7, 10)) == pytest.approx((3.25, 2.30))
@@ -203,14 +203,14 @@ class TestLattice:
     def test_follows_the_maps_frame(self) -> None:
         origin = SE2(2.0, -1.0, 0.7)
         prior = OccupancyGrid(np.zeros((50, 70), dtype=np.int8), 0.05, origin)
-        assert Lattice(0.30, prior, SE2(), np.zeros(2)).centre((2, 3)) == pytest.approx(origin.apply(1.15, 0.80))
+        assert CarLattice(0.30, prior, SE2(), np.zeros(2)).centre((2, 3)) == pytest.approx(origin.apply(1.15, 0.80))
 
     @given(x=st.floats(-5, 5), y=st.floats(-5, 5), gx=st.floats(-5, 5), gy=st.floats(-5, 5))
     @NO_DEADLINE
     def test_without_a_map_a_cell_is_centred_on_the_start_and_the_goal_is_inside(
         self, x: float, y: float, gx: float, gy: float
     ) -> None:
-        lattice = Lattice(0.30, None, SE2(x, y, 0.4), np.array([gx, gy]))
+        lattice = CarLattice(0.30, None, SE2(x, y, 0.4), np.array([gx, gy]))
         middle = lattice.shape[0] // 2
         assert lattice.shape[0] == lattice.shape[1]
         assert lattice.centre((middle, middle)) == pytest.approx((x, y), abs=1e-9)
@@ -233,7 +233,7 @@ class TestParameters:
     )  # fmt: skip
     def test_senseless_ones_are_refused(self, name: str, value: Any) -> None:
         with pytest.raises(ValueError, match=name):
-            Parameters(**{name: value})
+            DynamicAStarParameters(**{name: value})
         with pytest.raises(ParameterError, match=name):
             build(context(car(), None, **{name: value}))
 

@@ -7,7 +7,7 @@ import pytest
 
 from robocar.core import LETHAL, Costmap, NoPathFound, ParameterError
 from robocar.planners.search.a_star import AStar
-from robocar.planners.search.path_transform import Parameters, PathTransform, build
+from robocar.planners.search.path_transform import PathTransform, PathTransformParameters, build
 from robocar.planners.search.transforms import obstacle_transform
 from tests.planners.kinematic import car, context
 
@@ -30,13 +30,13 @@ def least_clearance(costmap: Costmap, points: np.ndarray) -> float:
 
 def test_without_weight_it_is_the_shortest_path() -> None:
     """Oracle: A* on the same cells, whose costs are all zero, is optimal."""
-    plan = PathTransform(Parameters(weight=0.0)).plan(wall(), START, GOAL)
+    plan = PathTransform(PathTransformParameters(weight=0.0)).plan(wall(), START, GOAL)
     assert plan.path.length == pytest.approx(AStar().plan(wall(), START, GOAL).path.length)
 
 
 def test_clearance_is_bought_with_length() -> None:
     """The heavier the weight, the longer the path and the larger its least clearance; it takes the wide gap in the end."""
-    plans = [PathTransform(Parameters(weight=w)).plan(wall(), START, GOAL) for w in (0.0, 3.0, 30.0)]
+    plans = [PathTransform(PathTransformParameters(weight=w)).plan(wall(), START, GOAL) for w in (0.0, 3.0, 30.0)]
     lengths, room = [p.path.length for p in plans], [least_clearance(wall(), p.path.points) for p in plans]
     assert lengths == sorted(lengths)
     assert room == sorted(room)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from robocar.core import OCCUPIED, SE2, Footprint, Observation, OccupancyGrid, ParameterError, Robot, Scan
 from robocar.core.rays import cast_rays
-from robocar.planners.tracking.open_points import OpenPoint, Panorama, Surround, VirtualCircle, find_open_points, middle
+from robocar.planners.tracking.open_points import OpenPoint, ScanPanorama, Surround, VirtualCircle, find_open_points, middle
 from tests.planners.beams import MAX_RANGE, laser_car, scan_of
 from tests.planners.kinematic import car
 
@@ -30,9 +30,9 @@ def corners() -> np.ndarray:
     return np.array([(x, y) for x0, y0, x1, y1 in BOXES for x in (x0, x1) for y in (y0, y1)])
 
 
-def panorama_of(ranges: np.ndarray) -> Panorama:
+def panorama_of(ranges: np.ndarray) -> ScanPanorama:
     n = len(ranges)
-    return Panorama(0.0, np.zeros(2), np.linspace(-math.pi, math.pi, n, endpoint=False), ranges, MAX_RANGE, math.tau / n)
+    return ScanPanorama(0.0, np.zeros(2), np.linspace(-math.pi, math.pi, n, endpoint=False), ranges, MAX_RANGE, math.tau / n)
 
 
 @given(st.floats(-7, 7), st.floats(0.1, 6), st.sampled_from([-1, 1]), st.floats(0.05, 1))
@@ -61,7 +61,7 @@ def test_the_axle_is_where_the_circle_wants_it(x: float, y: float, heading: floa
     assert circle.centre(SE2(axle[0], axle[1], heading)) == pytest.approx([x, y])
 
 
-def look(surround: Surround, grid: OccupancyGrid, robot: Robot, rng: np.random.Generator) -> Panorama:
+def look(surround: Surround, grid: OccupancyGrid, robot: Robot, rng: np.random.Generator) -> ScanPanorama:
     """A scan without noise from somewhere at random between the boxes."""
     while True:
         x, y = rng.uniform(0.3, 5.7, 2)

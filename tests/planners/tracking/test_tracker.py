@@ -10,18 +10,18 @@ from hypothesis import strategies as st
 from robocar.core import OCCUPIED, SE2, Observation, OccupancyGrid, Twist
 from robocar.planners.bugs.ocpb.collision_points import Collision, Moving, crossing, predict, standing_world, with_virtual
 from robocar.planners.tracking.kernel import line
-from robocar.planners.tracking.open_points import Panorama, Surround
-from robocar.planners.tracking.tracker import Kind, Obstacles, Tracked
+from robocar.planners.tracking.open_points import ScanPanorama, Surround
+from robocar.planners.tracking.tracker import Kind, ObstacleTracker, Tracked
 from tests.planners.beams import Disc, disc_ranges, laser_car, scan_of
 from tests.planners.tracking.tracking_reference import Reference
 
 OPEN = OccupancyGrid(np.zeros((200, 200), dtype=np.int8), 0.05)
 
 
-def follow(poses: list[SE2], movers: list[Disc], world: OccupancyGrid = OPEN, seed: int = 0) -> Obstacles:
+def follow(poses: list[SE2], movers: list[Disc], world: OccupancyGrid = OPEN, seed: int = 0) -> ObstacleTracker:
     """What is known after scans from these poses, 0.1 s apart, with the laser's noise."""
     robot, rng = laser_car(), np.random.default_rng(seed)
-    obstacles, surround = Obstacles(1.0, 5.5), Surround(robot, 0.4)
+    obstacles, surround = ObstacleTracker(1.0, 5.5), Surround(robot, 0.4)
     for k, pose in enumerate(poses):
         seen = surround.panorama(Observation(0.1 * k, lidar=scan_of(robot, world, pose, 0.1 * k, movers, rng)), pose)
         assert seen is not None
@@ -65,7 +65,7 @@ def test_what_stands_is_stationary_however_the_robot_drives_by() -> None:
 
 def test_one_that_stops_becomes_stationary() -> None:
     robot, rng = laser_car(), np.random.default_rng(1)
-    obstacles, surround, pose = Obstacles(1.0, 5.5), Surround(robot, 0.4), SE2(4.0, 5.0)
+    obstacles, surround, pose = ObstacleTracker(1.0, 5.5), Surround(robot, 0.4), SE2(4.0, 5.0)
     kinds = []
     for k in range(60):
         mover = Disc((6.0, 4.5 + 0.03 * min(k, 30)), (0.0, 0.0), 0.15)
@@ -86,7 +86,7 @@ def test_the_kernel_follows_the_rules(seed: int) -> None:
         data[row : row + height, col : col + width] = OCCUPIED
     world, robot = OccupancyGrid(data, 0.05), laser_car()
     movers = [Disc(tuple(rng.uniform(2, 8, 2)), tuple(rng.uniform(-0.4, 0.4, 2)), rng.uniform(0.1, 0.3)) for _ in range(8)]
-    obstacles, reference, surround = Obstacles(1.0, 5.5), Reference(1.0, 5.5), Surround(robot, 0.4)
+    obstacles, reference, surround = ObstacleTracker(1.0, 5.5), Reference(1.0, 5.5), Surround(robot, 0.4)
     pose, kinds, same = SE2(5.0, 5.0), set(), []
     for k in np.flatnonzero(rng.random(100) > 0.1):
         pose = pose @ Twist(rng.uniform(0.0, 0.4), rng.uniform(-1.0, 1.0)).step(0.1)
@@ -157,7 +157,7 @@ def test_a_virtual_obstacle_is_seen_like_a_real_one() -> None:
     bearings = np.linspace(-math.pi, math.pi, 360, endpoint=False)
     centre, obstacle = np.array([2.0, 0.5]), tracked(1.0, -1.0, 0.1, 0.0, 0.2)
     real = np.minimum(disc_ranges(np.zeros(2), bearings, np.array([1.0, -1.0]), 0.2), 4.0)
-    seen = Panorama(0.0, np.zeros(2), bearings, real, 6.0, math.tau / 360)
+    seen = ScanPanorama(0.0, np.zeros(2), bearings, real, 6.0, math.tau / 360)
     still = standing_world(seen, Moving.of([obstacle]), 0.05)
     assert np.array_equal(np.isnan(still.ranges), real < 4.0)
     collision = Collision(obstacle, centre, 1.0, 1.0, 1.0, 2.0, centre, centre)

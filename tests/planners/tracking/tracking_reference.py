@@ -10,7 +10,7 @@ import numpy as np
 
 from robocar.core import Array
 from robocar.planners.tracking.kernel import ends_of, line, seen_through
-from robocar.planners.tracking.open_points import Panorama
+from robocar.planners.tracking.open_points import ScanPanorama
 from robocar.planners.tracking.tracker import Kind, _clusters
 
 
@@ -41,10 +41,10 @@ class Reference:
     def __init__(self, max_width: float, max_distance: float) -> None:
         self.max_width, self.max_distance = max_width, max_distance
         self.tracked: list[Follow] = []
-        self.past: deque[Panorama] = deque(maxlen=16)
+        self.past: deque[ScanPanorama] = deque(maxlen=16)
         self.count = 0
 
-    def update(self, seen: Panorama) -> None:
+    def update(self, seen: ScanPanorama) -> None:
         clusters, beams = _clusters(seen.bearings, seen.ranges, seen.spacing, self.max_width, self.max_distance, *seen.origin)
         left, now = list(range(len(clusters))), seen.time
         for obstacle in self.tracked:
@@ -65,7 +65,7 @@ class Reference:
         self.tracked = [o for o in self.tracked if now - o.history[-1][0] < (1.5 if o.moves else 3.0)]
         self.past.append(seen)
 
-    def follow(self, obstacle: Follow, seen: Panorama, cluster: Array, points: Array, off: float) -> None:
+    def follow(self, obstacle: Follow, seen: ScanPanorama, cluster: Array, points: Array, off: float) -> None:
         x, y, radius, *ends = cluster[:7].tolist()
         now, history = seen.time, obstacle.history
         if obstacle.moves and off > 0.12 + 0.5 * max(0.0, radius - obstacle.radius):

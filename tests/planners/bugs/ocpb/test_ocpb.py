@@ -14,13 +14,12 @@ from scipy.sparse.csgraph import dijkstra
 from robocar.core import OCCUPIED, SE2, Arrows, Goal, Lines, OccupancyGrid, Points
 from robocar.episode.registry import build
 from robocar.episode.run import run as run_in_physics
-from robocar.planners.bugs.ocpb.strategy import OperativeCriticalPointBug, Parameters
+from robocar.planners.bugs.ocpb.strategy import OcpbParameters, OperativeCriticalPointBug
 from robocar.planners.bugs.ocpb.sub_goals import SAME
 from robocar.planners.bugs.ocpb.surfaces import Surfaces
 from robocar.planners.bugs.ocpb.traverse import Candidate, Traverse
-from robocar.planners.bugs.view import Parameters as BugParameters
-from robocar.planners.bugs.view import View, narrow_gap
-from robocar.planners.tracking.open_points import OpenPoint, Panorama, VirtualCircle
+from robocar.planners.bugs.view import BugParameters, BugView, narrow_gap
+from robocar.planners.tracking.open_points import OpenPoint, ScanPanorama, VirtualCircle
 from tests.planners.beams import Disc, Drives, drive, laser_car
 from tests.planners.kinematic import context
 
@@ -125,10 +124,10 @@ def test_the_way_back_is_the_one_in_the_tree(count: int, seed: int) -> None:
     assert steps[-1] == target
 
 
-def view_of(hits: np.ndarray, centre: tuple[float, float] = (0.0, 0.0), goal: tuple[float, float] = (5.0, 0.0)) -> View:
-    seen = Panorama(0.0, np.zeros(2), np.zeros(0), np.zeros(0), 6.0, 0.1)
+def view_of(hits: np.ndarray, centre: tuple[float, float] = (0.0, 0.0), goal: tuple[float, float] = (5.0, 0.0)) -> BugView:
+    seen = ScanPanorama(0.0, np.zeros(2), np.zeros(0), np.zeros(0), 6.0, 0.1)
     circle = VirtualCircle.of(laser_car().footprint, 0.03)
-    return View(0.0, SE2(*centre), np.array(centre), seen, hits, True, Goal(np.array(goal)), False, circle, BugParameters())
+    return BugView(0.0, SE2(*centre), np.array(centre), seen, hits, True, Goal(np.array(goal)), False, circle, BugParameters())
 
 
 def row_of(point: OpenPoint) -> np.ndarray:
@@ -138,7 +137,7 @@ def row_of(point: OpenPoint) -> np.ndarray:
     ])  # fmt: skip
 
 
-def candidates(seen: Traverse, view: View, *points: OpenPoint) -> list[Candidate]:
+def candidates(seen: Traverse, view: BugView, *points: OpenPoint) -> list[Candidate]:
     rows = np.concatenate([row_of(point) for point in points])
     return seen.candidates(view, rows, np.zeros(len(rows), dtype=bool), False, 0.05)
 
@@ -252,4 +251,4 @@ def test_in_physics_it_reaches_the_goal_and_touches_nothing(scenario: str, longe
 @pytest.mark.parametrize("value", [0, -1, math.nan, math.inf])
 def test_senseless_parameters_are_refused(field: str, value: float) -> None:
     with pytest.raises(ValueError, match=field):
-        Parameters(**{field: value})  # type: ignore[arg-type]
+        OcpbParameters(**{field: value})  # type: ignore[arg-type]
