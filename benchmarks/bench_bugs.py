@@ -16,8 +16,9 @@ from rich.table import Table
 from robocar.core import SE2, Array, Belief, Context, Goal, Observation, RangeSensor, Robot, Scan
 from robocar.episode.registry import build
 from robocar.planners.bugs.ocpb.strategy import OperativeCriticalPointBug
+from robocar.planners.bugs.open_points import find_open_points
 from robocar.planners.bugs.view import BugView
-from robocar.planners.tracking.open_points import Surround, find_open_points
+from robocar.planners.tracking.panorama import Surround
 from robocar.sim.car import LIMITS, footprint, load_calibration
 
 BEAMS, MAX_RANGE, OBSTACLES, RADIUS = 360, 6.0, 20, 0.12

@@ -15,8 +15,8 @@ from matplotlib.transforms import Affine2D
 from robocar.core import OCCUPIED, Array, OccupancyGrid
 from robocar.episode.result import RunResult
 from robocar.formats import save_ros_map
+from robocar.planners.bugs.open_points import VirtualCircle
 from robocar.planners.bugs.view import BugParameters
-from robocar.planners.tracking.open_points import VirtualCircle
 from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
 from robocar.sim.car import footprint

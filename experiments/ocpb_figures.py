@@ -27,8 +27,9 @@ from robocar.episode.run import simulate
 from robocar.estimation.mapping.no_mapper import NoMapper
 from robocar.experiments._bug_worlds import CIRCLE, ROBOT, circle, draw, grid, room, scene_of
 from robocar.planners.bugs.ocpb.strategy import OperativeCriticalPointBug
+from robocar.planners.bugs.open_points import OpenPoint, find_open_points
 from robocar.planners.bugs.view import BugParameters
-from robocar.planners.tracking.open_points import OpenPoint, ScanPanorama, find_open_points
+from robocar.planners.tracking.panorama import ScanPanorama
 from robocar.reporting.report import Report
 
 BEAMS, MAX_RANGE = 360, 6.0

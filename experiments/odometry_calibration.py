@@ -11,7 +11,7 @@ the wheels' middle. Driven squares, clockwise and counter-clockwise, are the tes
 Borenstein and Feng, Measurement and Correction of Systematic Odometry Errors in Mobile Robots, 1996): the distance between
 the pose that odometry believes at the end and the true one, before (nominal radius, geometric track) and after.
 
-A full run writes `models/robocar/calibration.yaml`, which the firmware and odometry read.
+A full run writes `models/robots/robocar/calibration.yaml`, which the firmware and odometry read.
 """
 
 from __future__ import annotations
@@ -193,7 +193,7 @@ def main(out: Path, quick: bool = False) -> None:
     content += yaml.safe_dump({name: car_.content for name, car_ in found.items()}, default_flow_style=None)
     (out / "calibration.yaml").write_text(content)
     if not quick:
-        (MODELS / "robocar" / "calibration.yaml").write_text(content)
+        (MODELS / "robots" / "robocar" / "calibration.yaml").write_text(content)
 
 
 def _picture(path: Path, curvatures: tuple[float, ...], tracks: list[Array], ends: Array) -> None:

@@ -19,7 +19,7 @@ from matplotlib.axes import Axes
 
 from robocar.core import SE2, Array
 from robocar.episode.result import RunResult
-from robocar.planners.search.dynamic_a_star import CarLattice
+from robocar.planners.search.car_lattice import CarLattice
 from robocar.reporting.report import Report
 from robocar.reporting.run_many import run_many
 from robocar.scenario.load import load_scenario

@@ -29,6 +29,7 @@ from robocar.core import (
 )
 from robocar.core.trace import Drawable
 from robocar.planners.bugs.motion import Motion
+from robocar.planners.bugs.open_points import VirtualCircle, find_open_points
 from robocar.planners.bugs.view import (
     Along,
     BugParameters,
@@ -43,7 +44,7 @@ from robocar.planners.bugs.view import (
     room_at,
 )
 from robocar.planners.navigators.plan_and_follow import Reactive
-from robocar.planners.tracking.open_points import ScanPanorama, Surround, VirtualCircle, find_open_points, middle
+from robocar.planners.tracking.panorama import ScanPanorama, Surround, middle
 
 STOPPING_SHARE = 0.5  # of the goal's tolerance: the belief may be off
 NEW_HEADING = math.radians(10.0)  # a straight motion that differs by more is another iteration

@@ -14,9 +14,10 @@ import numpy as np
 from robocar.core import Array, Context, GiveUp, Points, wrap_angle
 from robocar.core.trace import Drawable
 from robocar.planners.bugs.local_planner import build_bug
+from robocar.planners.bugs.open_points import OpenPoint, find_open_points
 from robocar.planners.bugs.view import ARRIVED, BugParameters, BugView, Move, Stand, To
 from robocar.planners.navigators.plan_and_follow import Reactive
-from robocar.planners.tracking.open_points import Lookout, OpenPoint, ScanPanorama, find_open_points
+from robocar.planners.tracking.panorama import Lookout, ScanPanorama
 
 _SAME = 0.10  # [m] sub-goals nearer to each other are one
 _AGAIN = 3  # times at the same sub-goal: it goes in circles

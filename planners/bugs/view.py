@@ -11,7 +11,8 @@ from numba import njit
 
 from robocar.core import SE2, Array, GiveUp, Goal
 from robocar.core.trace import Drawable
-from robocar.planners.tracking.open_points import OpenPoint, ScanPanorama, VirtualCircle, find_open_points
+from robocar.planners.bugs.open_points import OpenPoint, VirtualCircle, find_open_points
+from robocar.planners.tracking.panorama import ScanPanorama
 
 ARRIVED = 0.03  # [m] at a sub-goal
 HIT = 0.12  # [m] a way that is free no farther has hit an obstacle; from ...

@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robocar.core import (
-    LETHAL,
     SE2,
     Array,
     Belief,
@@ -47,6 +46,7 @@ from robocar.core import (
 )
 from robocar.core.trace import PLAN_COLOR
 from robocar.planners.search import a_star
+from robocar.planners.search.car_lattice import CarLattice
 from robocar.planners.search.obstacle_memory import ObstacleMemory
 
 
@@ -85,35 +85,6 @@ class DynamicAStarParameters:
         for name in ("margin", "prior_tolerance"):
             if not getattr(self, name) >= 0:
                 raise ValueError(f"{name} must not be negative, not {getattr(self, name)}")
-
-
-class CarLattice:
-    """The 30 cm cells: centred in the prior map, or, without one, with a cell centre under the start."""
-
-    def __init__(self, cell_size: float, prior: OccupancyGrid | None, start: SE2, goal: Array) -> None:
-        self.cell_size = cell_size
-        if prior is not None:
-            width, height = prior.size
-            cols, rows = max(1, int(width / cell_size + 1e-9)), max(1, int(height / cell_size + 1e-9))
-            margin = SE2(0.5 * (width - cols * cell_size), 0.5 * (height - rows * cell_size), 0.0)
-            self.origin = prior.origin @ margin
-            self.shape = rows, cols
-        else:
-            # Room on all sides: the world is unknown, and the way round an obstacle may lead away from the goal.
-            reach = float(np.abs(goal - start.position).max()) + 3.0
-            half = math.ceil(reach / cell_size)
-            offset = -(half + 0.5) * cell_size
-            self.origin = SE2(start.x + offset, start.y + offset, 0.0)
-            self.shape = 2 * half + 1, 2 * half + 1
-
-    def centre(self, cell: tuple[int, int]) -> tuple[float, float]:
-        """World point in the middle of a cell (row, col) [m]."""
-        row, col = cell
-        return self.origin.apply((col + 0.5) * self.cell_size, (row + 0.5) * self.cell_size)
-
-    def costmap(self, blocked: NDArray[np.bool_]) -> Costmap:
-        """The cells as a costmap for the search: free or lethal."""
-        return Costmap(np.where(blocked, LETHAL, 0).astype(np.uint8), self.cell_size, self.origin)
 
 
 class DynamicAStar:
@@ -207,7 +178,7 @@ class DynamicAStar:
             half_width = self._half_width - (self._margin if k == 0 else 0.0)
             if memory.way_blocked(previous, point, half_width, self._overhang if last else 0.0):
                 return True
-            if not last and self._is_blocked(self._cell(point)):
+            if not last and self._is_blocked(lattice.cell(point)):
                 return True
             previous = point
         return False
@@ -242,7 +213,7 @@ class DynamicAStar:
                 drawn = np.array([pose.position, *self._way])
                 trace |= plan.trace  # the heat map of the search
                 trace["global"] = Lines((drawn,), color=PLAN_COLOR, radius=0.012)
-                trace["blocked_cells"] = self._draw_blocked(costmap)
+                trace["blocked_cells"] = Lines(lattice.outlines(self._blocked), color=(200, 60, 60), radius=0.004)
                 trace["echoes"] = Points(memory.echoes(), color=(255, 80, 40), radius=0.012)
                 trace["replans"] = Scalar(self._plans - 1)
                 trace["expanded"] = Scalar(plan.expanded)
@@ -270,15 +241,15 @@ class DynamicAStar:
     def _base(self, pose: SE2) -> Array:
         """Where the new way begins. Between two cells the car has no room to turn that it knows of: it goes on to the next one
         if that is still free, else straight back to where it came from."""
-        memory = self._memory
-        assert memory is not None
+        lattice, memory = self._lattice, self._memory
+        assert lattice is not None and memory is not None
         self._retreating = False
         if self._anchor is None or not self._way or self._turning or math.dist(pose.position, self._anchor) <= 0.05:
             return pose.position
         ahead = self._way[0]
         overhang = self._overhang if len(self._way) == 1 else 0.0
         clear = not memory.way_blocked(pose.position, ahead, self._half_width - self._margin, overhang)
-        if clear and not self._is_blocked(self._cell(ahead)):
+        if clear and not self._is_blocked(lattice.cell(ahead)):
             return ahead
         self._retreating = True
         return self._anchor
@@ -317,7 +288,7 @@ class DynamicAStar:
             points, obstructed = self._legs(plan.path.points, blocked)
             if obstructed is None:
                 return plan, points
-            blocked[obstructed if obstructed != end else self._cell(points[-1])] = True
+            blocked[obstructed if obstructed != end else lattice.cell(points[-1])] = True
 
     def _legs(self, points: Array, blocked: NDArray[np.bool_]) -> tuple[list[Array], tuple[int, int] | None]:
         """The points of a path up to the first leg that is obstructed, and the cell that this leg leads to.
@@ -329,7 +300,7 @@ class DynamicAStar:
         way = [points[0]]
         for here, there in pairwise(points):
             if memory.way_blocked(here, there, self._half_width, 0.0):
-                (r0, c0), (r1, c1) = self._cell(here), self._cell(there)
+                (r0, c0), (r1, c1) = lattice.cell(here), lattice.cell(there)
                 corners = [np.array(lattice.centre(cell)) for cell in ((r0, c1), (r1, c0)) if r0 != r1 and c0 != c1]
                 for corner in corners:
                     legs = ((here, corner), (corner, there))
@@ -340,12 +311,6 @@ class DynamicAStar:
                     return way, (r1, c1)
             way.append(there)
         return way, None
-
-    def _cell(self, point: Array) -> tuple[int, int]:
-        lattice = self._lattice
-        assert lattice is not None
-        x, y = lattice.origin.inverse_apply(float(point[0]), float(point[1]))
-        return math.floor(y / lattice.cell_size), math.floor(x / lattice.cell_size)
 
     def _is_blocked(self, cell: tuple[int, int]) -> bool:
         lattice, memory = self._lattice, self._memory
@@ -360,12 +325,13 @@ class DynamicAStar:
             return self._turn_on(pose)
         if self._retreating:
             return self._back_up(pose)
-        if self._look_around and not self._at_last_point(pose) and self._cell(pose.position) not in self._looked:
-            lattice = self._lattice
-            assert lattice is not None
-            centred = math.dist(self._centre(pose), pose.position) < 0.06
+        lattice = self._lattice
+        assert lattice is not None
+        cell = lattice.cell(pose.position)
+        if self._look_around and len(self._way) > 1 and cell not in self._looked:
+            centred = math.dist(lattice.centre(cell), pose.position) < 0.06
             if centred or not self._looked:
-                self._looked.add(self._cell(pose.position))
+                self._looked.add(cell)
                 self._spin = (math.tau, pose.theta)
                 self._spin_sign = -self._spin_sign  # left and right in turn: what one turn adds to the drift, the next takes back
                 return self._turn_on(pose)
@@ -405,14 +371,6 @@ class DynamicAStar:
         error = wrap_angle(math.atan2(-dy, -dx) - pose.theta)
         return Twist(-min(0.5 * self._parameters.speed, behind + 0.03), min(max(1.5 * error, -0.5), 0.5))
 
-    def _at_last_point(self, pose: SE2) -> bool:
-        return len(self._way) <= 1
-
-    def _centre(self, pose: SE2) -> Array:
-        lattice = self._lattice
-        assert lattice is not None
-        return np.array(lattice.centre(self._cell(pose.position)))
-
     def _rate(self, error: float) -> float:
         """Turning rate towards a heading: slows down in time to stop there."""
         top = min(self._parameters.turn_rate, math.sqrt(2.0 * 0.5 * self._robot.limits.acc_lim_theta * abs(error)))
@@ -429,13 +387,6 @@ class DynamicAStar:
             return Twist()
         self._spin = (left, pose.theta)
         return Twist(0.0, self._rate(self._spin_sign * left))
-
-    def _draw_blocked(self, costmap: Costmap) -> Lines:
-        """Outlines of the blocked cells."""
-        corners = np.array([[0, 0], [0, 1], [1, 1], [1, 0], [0, 0]])
-        cells = np.argwhere(self._blocked)
-        outlines = tuple(costmap.origin.transform((cell[::-1] + corners) * costmap.resolution) for cell in cells)
-        return Lines(outlines, color=(200, 60, 60), radius=0.004)
 
 
 def build(context: Context) -> DynamicAStar:

@@ -3,10 +3,6 @@
 The distance transform holds each free cell's way to the goal (Jarvis 1993), the obstacle transform its distance to the nearest
 obstacle, and the path transform the cheapest way where nearness to obstacles costs (Zelinsky, Int. J. Robotics Research 13(4),
 1994). All values are in cells; a cell's centre lies at (row + 0.5, column + 0.5).
-
-The waves run in a ring of buckets, one cell of distance each. No step is shorter than that, so nobody in the lowest bucket can
-improve another one there, and a cell is final when its bucket's turn comes: exact like Dijkstra's algorithm, without a heap
-(Denardo and Fox, Shortest-Route Methods: 1. Reaching, Pruning, and Buckets, Operations Research 27(1), 1979).
 """
 
 from __future__ import annotations
@@ -20,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from robocar.core import Array
 from robocar.core.distance import distance_transform as exact_distance
-from robocar.planners.search.grid_search import COL_STEPS, ROW_STEPS, doubled
+from robocar.planners.search.grid_search import COL_STEPS, ROW_STEPS
+from robocar.planners.search.wavefront import eikonal, wave
 
 Metric: TypeAlias = Literal["jarvis", "octile", "euclidean"]
 METRICS: tuple[Metric, ...] = get_args(Metric)
@@ -28,7 +25,6 @@ Seeds: TypeAlias = tuple[NDArray[np.int64], Array]
 """Cells (n, 2) as (row, col) from which a wave starts, and the values (n,) that they have from the start."""
 
 _DIAGONAL = {"jarvis": 1.0, "octile": math.sqrt(2.0)}
-_SLACK = 1e-9  # [cells] by which a value has to fall to count as improved
 _NEAR = 5  # [cells] around the goal, where the eikonal equation's first-order solution is at its worst and the exact one is known
 
 
@@ -97,10 +93,10 @@ def spread(blocked: NDArray[np.bool_], seeds: Seeds, metric: Metric, until: tupl
     flat = (cells[order, 0] + 1) * (cols + 2) + cells[order, 1] + 1
     stop = -1 if until is None or blocked[until] else (until[0] + 1) * (cols + 2) + until[1] + 1
     if metric == "euclidean":
-        wave = _eikonal(padded.ravel(), cols + 2, flat, values[order], stop)
+        front = eikonal(padded.ravel(), cols + 2, flat, values[order], stop)
     else:
-        wave = _wave(padded.ravel(), cols + 2, _NO_COSTS, _DIAGONAL[metric], flat, values[order], stop)
-    return wave.reshape(rows + 2, cols + 2)[1:-1, 1:-1]
+        front = wave(padded.ravel(), cols + 2, _NO_COSTS, _DIAGONAL[metric], flat, values[order], stop)
+    return front.reshape(rows + 2, cols + 2)[1:-1, 1:-1]
 
 
 def obstacle_transform(blocked: ArrayLike, metric: Metric = "euclidean") -> Array:
@@ -170,8 +166,8 @@ def path_transform(blocked: ArrayLike, goal: tuple[int, int], weight: float, saf
     padded = np.ones((rows + 2, cols + 2), dtype=np.bool_)
     padded[1:-1, 1:-1] = mask
     start = np.array([] if mask[goal] else [(goal[0] + 1) * (cols + 2) + goal[1] + 1], dtype=np.int64)
-    wave = _wave(padded.ravel(), cols + 2, costs.ravel(), _DIAGONAL["octile"], start, np.zeros(len(start)), -1)
-    return wave.reshape(rows + 2, cols + 2)[1:-1, 1:-1]
+    front = wave(padded.ravel(), cols + 2, costs.ravel(), _DIAGONAL["octile"], start, np.zeros(len(start)), -1)
+    return front.reshape(rows + 2, cols + 2)[1:-1, 1:-1]
 
 
 def descend(values: Array, cell: tuple[int, int], diagonal: float = math.sqrt(2.0)) -> NDArray[np.int64]:
@@ -195,8 +191,6 @@ def nearest_blocked(blocked: NDArray[np.bool_], cell: tuple[int, int]) -> float:
 
 _NO_COSTS = np.zeros(0)
 _DISC = np.argwhere(np.ones((2 * _NEAR + 1, 2 * _NEAR + 1))) - _NEAR
-_FINE = 2.0  # buckets of the eikonal wave per cell of distance: fewer would have more values corrected, more cost more rounds
-_RING = 8  # buckets in use at once: a step raises u by at most 1
 
 
 def _mask(blocked: ArrayLike) -> NDArray[np.bool_]:
@@ -204,140 +198,6 @@ def _mask(blocked: ArrayLike) -> NDArray[np.bool_]:
     if mask.ndim != 2 or mask.size == 0:
         raise ValueError(f"blocked cells need rows and columns, not shape {mask.shape}")
     return mask
-
-
-@njit(cache=True)
-def _wave(
-    blocked: NDArray, cols: int, costs: NDArray, diagonal: float, seeds: NDArray, values: NDArray, stop: int
-) -> NDArray[np.float64]:
-    """Cost of reaching every cell: steps of 1 and `diagonal` to the eight neighbours, plus the costs of the cells entered.
-
-    Args:
-        blocked, costs: flat, of a grid inside a frame of blocked cells; no costs if empty.
-        seeds, values: flat places, sorted by their values.
-        stop: a flat place; the wave ends when it is final; -1: never.
-    """
-    # Nothing falls below minus infinity: blocked cells need no test of their own.
-    total = np.where(blocked, -math.inf, math.inf)
-    ring = 4
-    while ring < diagonal + (costs.max() if len(costs) else 0.0) + 3.0:
-        ring *= 2
-    ring -= 1  # a mask: its buckets are a power of two
-    first = np.full(ring + 1, -1, dtype=np.int64)
-    # Each entry is a cell and the next entry of its bucket. A step improves a cell at most once, so there are at most nine each.
-    room = 9 * len(blocked) + len(seeds)
-    entries, following = np.empty(room, dtype=np.int32), np.empty(room, dtype=np.int32)
-    steps = np.array([1, cols, -1, -cols, cols + 1, cols - 1, -cols - 1, 1 - cols])
-    weighted = len(costs) > 0
-    used, waiting, seed = 0, 0, 0
-    level = int(values[0]) if len(seeds) else 0
-    while waiting > 0 or seed < len(seeds):
-        if waiting == 0:
-            level = int(values[seed])
-        while seed < len(seeds) and int(values[seed]) <= level:
-            cell = seeds[seed]
-            if values[seed] < total[cell]:
-                total[cell] = values[seed]
-                entries[used], following[used] = cell, first[level & ring]
-                first[level & ring] = used
-                used += 1
-                waiting += 1
-            seed += 1
-        entry = first[level & ring]
-        first[level & ring] = -1
-        while entry >= 0:
-            cell = entries[entry]
-            entry = following[entry]
-            waiting -= 1
-            here = total[cell]
-            if int(here) != level:  # it has been improved since, and dealt with
-                continue
-            for k in range(8):
-                other = cell + steps[k]
-                reached = here + (1.0 if k < 4 else diagonal)
-                if weighted:
-                    reached += costs[other]
-                if reached >= total[other]:
-                    continue
-                if k >= 4:
-                    row_step = cols if steps[k] > 1 else -cols
-                    if total[cell + row_step] < 0.0 or total[other - row_step] < 0.0:
-                        continue
-                total[other] = reached
-                slot = int(reached) & ring
-                entries[used], following[used] = other, first[slot]
-                first[slot] = used
-                used += 1
-                waiting += 1
-        level += 1
-        if stop >= 0 and total[stop] < level:
-            break
-    return np.abs(total)
-
-
-@njit(cache=True)
-def _eikonal(blocked: NDArray, cols: int, seeds: NDArray, values: NDArray, stop: int) -> NDArray[np.float64]:
-    """First-order upwind solution of |grad u| = 1; arguments as for `_wave`.
-
-    Within a bucket values may still fall. A cell whose value does hands that on, so the result is the scheme's one solution,
-    whatever the order.
-    """
-    u = np.full(len(blocked), math.inf)
-    told = np.full(len(blocked), math.inf)  # what a cell's neighbours know
-    first, last = np.full(_RING, -1, dtype=np.int64), np.full(_RING, -1, dtype=np.int64)
-    entries, following = np.empty(4 * len(blocked), dtype=np.int32), np.empty(4 * len(blocked), dtype=np.int32)
-    steps = np.array([1, cols, -1, -cols])
-    used, waiting, seed = 0, 0, 0
-    level = int(_FINE * values[0]) if len(seeds) else 0
-    while waiting > 0 or seed < len(seeds):
-        if waiting == 0:
-            level = max(level, int(_FINE * values[seed]))
-        while seed < len(seeds) and int(_FINE * values[seed]) <= level:
-            if values[seed] < u[seeds[seed]]:
-                u[seeds[seed]] = values[seed]
-                if used == len(entries):
-                    entries, following = doubled(entries), doubled(following)
-                _append(seeds[seed], level % _RING, used, entries, following, first, last)
-                used, waiting = used + 1, waiting + 1
-            seed += 1
-        slot = level % _RING
-        while first[slot] >= 0:
-            cell = entries[first[slot]]
-            first[slot] = following[first[slot]]
-            waiting -= 1
-            if u[cell] >= told[cell] - _SLACK:
-                continue
-            told[cell] = u[cell]
-            for step in steps:
-                other = cell + step
-                if blocked[other] or u[other] <= u[cell]:
-                    continue
-                a, b = min(u[other - 1], u[other + 1]), min(u[other - cols], u[other + cols])
-                if abs(a - b) >= 1.0:
-                    reached = min(a, b) + 1.0
-                else:
-                    reached = 0.5 * (a + b + math.sqrt(2.0 - (a - b) ** 2))
-                if reached < u[other] - _SLACK:
-                    u[other] = reached
-                    if used == len(entries):
-                        entries, following = doubled(entries), doubled(following)
-                    _append(other, max(level, int(_FINE * reached)) % _RING, used, entries, following, first, last)
-                    used, waiting = used + 1, waiting + 1
-        level += 1
-        if stop >= 0 and _FINE * u[stop] < level:
-            break
-    return u
-
-
-@njit(cache=True)
-def _append(cell: int, slot: int, used: int, entries: NDArray, following: NDArray, first: NDArray, last: NDArray) -> None:
-    """Puts a cell at the end of a bucket."""
-    entries[used], following[used] = cell, -1
-    if first[slot] < 0:
-        first[slot] = used
-    else:
-        following[last[slot]] = used
-    last[slot] = used
 
 
 @njit(cache=True)

@@ -16,7 +16,7 @@ from numba import njit
 from robocar.core import SE2, Array, Costmap, Observation, Robot, frozen_array
 from robocar.planners.geometry.outlines import CostmapView
 from robocar.planners.tracking.kernel import line
-from robocar.planners.tracking.open_points import ScanPanorama
+from robocar.planners.tracking.panorama import ScanPanorama
 from robocar.planners.tracking.tracker import Kind, ObstacleTracker, Tracked
 
 _MAX_WIDTH, _MAX_DISTANCE = 0.8, 4.0  # [m] of what is followed: walls do not move

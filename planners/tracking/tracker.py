@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from robocar.core import Array, frozen_array
 from robocar.planners.tracking import kernel as kernel
-from robocar.planners.tracking.open_points import ScanPanorama
+from robocar.planners.tracking.panorama import ScanPanorama
 
 _NOTHING = (frozen_array(np.zeros(2)), frozen_array(np.zeros(0)), frozen_array(np.zeros(0)))
 

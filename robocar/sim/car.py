@@ -15,6 +15,7 @@ from robocar.core import SE2, Calibration, Footprint, Limits, RangeSensor, Robot
 from robocar.paths import MODELS
 from robocar.sim.sensors.parameters import SensorParameters
 
+FOLDER = MODELS / "robots" / "robocar"
 PREFIX = "robocar/"
 SUPPLY = 11.1  # [V] the battery, and with it the largest channel voltage
 CHANNEL_CURRENT = 2.0  # [A] an L298P channel; each drives the two motors of a side
@@ -52,7 +53,7 @@ class FitOut:
 
 def car_spec(fit_out: FitOut) -> mujoco.MjSpec:
     """The car alone, with the mounts of the fitted sonars; without a camera the pan/tilt head is left off."""
-    spec = mujoco.MjSpec.from_file(str(MODELS / "robocar" / "robocar.xml"))
+    spec = mujoco.MjSpec.from_file(str(FOLDER / "robot.xml"))
     base = spec.body("base")
     if fit_out.sonars == "ring":
         for name, angle in zip(_SONAR_MOUNTS["ring"], np.arange(_RING) * (math.tau / _RING), strict=True):
@@ -74,7 +75,7 @@ def car_spec(fit_out: FitOut) -> mujoco.MjSpec:
 @cache
 def footprint() -> Footprint:
     """The car's outline on the floor: the box of its hull, which covers the wheels."""
-    model = mujoco.MjModel.from_xml_path(str(MODELS / "robocar" / "robocar.xml"))
+    model = mujoco.MjModel.from_xml_path(str(FOLDER / "robot.xml"))
     hull = model.geom("hull")
     x, half_length, half_width = float(hull.pos[0]), *map(float, hull.size[:2])
     return Footprint.rectangle(half_length + x, half_length - x, half_width)
@@ -82,17 +83,17 @@ def footprint() -> Footprint:
 
 def geometric_track() -> float:
     """Distance between the middles of the left and the right wheels [m]."""
-    model = mujoco.MjModel.from_xml_path(str(MODELS / "robocar" / "robocar.xml"))
+    model = mujoco.MjModel.from_xml_path(str(FOLDER / "robot.xml"))
     return float(model.body("rear_left_wheel").pos[1] - model.body("rear_right_wheel").pos[1])
 
 
 def load_calibration(camera: bool = False) -> Calibration:
-    """`models/robocar/calibration.yaml`, written by the experiment `odometry_calibration`.
+    """`models/robots/robocar/calibration.yaml`, written by the experiment `odometry_calibration`.
 
     Args:
         camera: of the car with its camera's head, whose weight lies ahead of the wheels' middle and makes it turn otherwise.
     """
-    file = MODELS / "robocar" / "calibration.yaml"
+    file = FOLDER / "calibration.yaml"
     try:
         content = yaml.safe_load(file.read_text())["with_camera" if camera else "without_camera"]
         table = np.array(content["effective_track"], dtype=float)

@@ -363,7 +363,7 @@ class Simulation:
 
 
 def _set_options(world: mujoco.MjSpec, timestep: float) -> None:
-    """Solver settings that the car's tyres were modelled with (models/robocar/README.md)."""
+    """Solver settings that the car's tyres were modelled with (models/robots/robocar/README.md)."""
     world.option.timestep = timestep
     world.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     world.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC

@@ -18,7 +18,7 @@ from robocar.sim.simulation import PhysicsParameters, Simulation
 from tests.sim.rooms import IDENTICAL_CARS, drive, execute, room
 
 WHEELS = ("front_left", "rear_left", "front_right", "rear_right")
-NOMINAL_VOLTAGE, STALL_TORQUE, NO_LOAD_SPEED, GEAR = 11.1, 0.03333, 450.0, 30.0  # robocar.xml, class "motor"
+NOMINAL_VOLTAGE, STALL_TORQUE, NO_LOAD_SPEED, GEAR = 11.1, 0.03333, 450.0, 30.0  # robot.xml, class "motor"
 
 
 def lifted() -> mujoco.MjModel:
@@ -33,7 +33,7 @@ def lifted() -> mujoco.MjModel:
 
 
 def test_the_numbers_of_the_motors_are_those_that_these_tests_expect() -> None:
-    text = (car.MODELS / "robocar" / "robocar.xml").read_text()
+    text = (car.FOLDER / "robot.xml").read_text()
     assert f'nominal="{NOMINAL_VOLTAGE} {STALL_TORQUE} {NO_LOAD_SPEED:g}" gear="{GEAR:g}"' in text
     assert NOMINAL_VOLTAGE == car.SUPPLY
 
@@ -211,7 +211,7 @@ def test_the_footprint_covers_everything_that_collides(fit_out: car.FitOut) -> N
 
 
 def test_the_footprint_is_no_larger_than_the_hull() -> None:
-    """robocar.xml: a box of 20 x 18 cm around the origin."""
+    """robot.xml: a box of 20 x 18 cm around the origin."""
     footprint = car.footprint()
     assert isinstance(footprint, Footprint)
     assert np.ptp(footprint.vertices, axis=0) == pytest.approx([0.20, 0.18])
@@ -310,10 +310,9 @@ def test_a_fitted_car_senses_what_it_carries_and_nothing_else() -> None:
     ],
 )
 def test_a_broken_calibration_is_named(content: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "robocar").mkdir()
     nested = "".join(f"  {line}\n" for line in content.splitlines())
-    (tmp_path / "robocar" / "calibration.yaml").write_text(f"without_camera:\n{nested}")
-    monkeypatch.setattr(car, "MODELS", tmp_path)
+    (tmp_path / "calibration.yaml").write_text(f"without_camera:\n{nested}")
+    monkeypatch.setattr(car, "FOLDER", tmp_path)
     with pytest.raises(ScenarioError, match=r"calibration\.yaml: not a calibration"):
         car.load_calibration()
     with pytest.raises(ScenarioError, match=r"calibration\.yaml: not a calibration"):
@@ -323,7 +322,7 @@ def test_a_broken_calibration_is_named(content: str, tmp_path: Path, monkeypatch
 @pytest.mark.parametrize("camera", [False, True])
 def test_the_shipped_calibration_is_read(camera: bool) -> None:
     """The file itself, and what a skid-steered car must have: an effective track wider than the geometric one."""
-    content = yaml.safe_load((car.MODELS / "robocar" / "calibration.yaml").read_text())
+    content = yaml.safe_load((car.FOLDER / "calibration.yaml").read_text())
     content = content["with_camera" if camera else "without_camera"]
     calibration = car.load_calibration(camera)
     assert calibration.wheel_radius == content["wheel_radius"]

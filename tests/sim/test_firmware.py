@@ -1,217 +1,33 @@
-"""The firmware: first alone with simulated wheels that obey the motor equation, then in physics.
+"""How the firmware drives, alone with simulated wheels that obey the motor equation.
 
-Oracles: the thesis' command table, kinematics of the differential drive, the limits themselves, a model of who is busy.
+Oracles: kinematics of the differential drive, the limits themselves, the true heading.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robocar.core import SE2, Calibration, Drive, Hold, Limits, Serial, Twist
-from robocar.core.solids import Box
-from robocar.sim.car import FitOut
-from robocar.sim.firmware import CELL, MAX_CELLS, Firmware, FirmwareParameters
-from robocar.sim.simulation import PhysicsParameters
-from tests.sim.rooms import IDENTICAL_CARS, drive, execute, room
-
-LIMITS = Limits(min_vel_x=-0.2, max_vel_x=0.4, max_vel_theta=1.5, acc_lim_x=0.8, acc_lim_theta=4.0)
-RADIUS, TRACK, PULSES, VOLTS_PER_SPEED, SUPPLY = 0.042, 0.2333, 200, 0.74, 11.1
-PULSE = math.tau / PULSES
-PERIOD = FirmwareParameters().period
+from robocar.core import Twist
+from robocar.sim.firmware import CELL, FirmwareParameters
+from tests.sim.firmware_bench import LIMITS, PERIOD, PULSE, RADIUS, SUPPLY, TRACK, Bench
 
 
-class Bench:
-    """The firmware on a test bench: wheels with a first-order response to their voltage, in the air, and a perfect compass."""
-
-    def __init__(self, compass: bool = False, slip: float = 1.0, blocked: bool = False) -> None:
-        calibration = Calibration(RADIUS, np.array([0.0, 100.0]), np.array([TRACK, TRACK]))
-        self.firmware = Firmware(LIMITS, calibration, PULSES, VOLTS_PER_SPEED, SUPPLY, compass)
-        self._compass, self._slip, self._blocked = compass, slip, blocked
-        self.angles, self.speeds = np.zeros(2), np.zeros(2)
-        self.x = self.heading = 0.0
-        self.ticks: list[tuple[float, float]] = []  # voltages
-
-    def step(self) -> None:
-        if self._compass and len(self.ticks) % 5 == 0:
-            self.firmware.compass(math.remainder(self.heading, math.tau))
-        counts = np.floor(self.angles / PULSE + 1e-9).astype(int)
-        voltages = self.firmware.step(int(counts[0]), int(counts[1]))
-        self.ticks.append(voltages)
-        if not self._blocked:
-            target = np.array(voltages) / VOLTS_PER_SPEED
-            self.speeds += (target - self.speeds) * (1.0 - math.exp(-PERIOD / 0.03))
-        turned = self.speeds * PERIOD
-        self.angles += turned
-        self.x += RADIUS * turned.mean()
-        self.heading += self._slip * RADIUS * (turned[1] - turned[0]) / TRACK
-
-    def run(self, seconds: float) -> None:
-        for _ in range(round(seconds / PERIOD)):
-            self.step()
-
-    def send(self, line: str) -> list[str]:
-        """What is answered at once."""
-        self.firmware.receive(line)
-        return list(self.firmware.answers())
-
-    def finish(self, limit: float = 60.0) -> list[str]:
-        """What is answered until the command has ended."""
-        ticks = round(limit / PERIOD)
-        while self.firmware.busy and ticks:
-            self.step()
-            ticks -= 1
-        return list(self.firmware.answers())
-
-
-# -- the protocol ------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("line", "distance", "turn"),
-    [
-        ("M1", 0.30, 0.0),
-        ("M3", 0.90, 0.0),
-        ("M05", 1.50, 0.0),
-        ("B", -0.30, 0.0),
-        ("Kr90", 0.0, 90.0),
-        ("Kn90", 0.0, -90.0),
-        ("Kr45.5", 0.0, 45.5),
-        ("Kn0.5", 0.0, -0.5),
-        ("Kr360", 0.0, 360.0),
-    ],
-)
-@pytest.mark.parametrize("ending", ["", "\n", "\r\n"])
-def test_commands_of_the_thesis(line: str, distance: float, turn: float, ending: str) -> None:
-    """Table 3.1; cells of 30 cm; left is positive. The wheels may end up to one pulse off."""
+def test_the_bench_can_fail() -> None:
+    """The simulated wheel itself: no voltage, no motion; its final speed is voltage over back-EMF."""
     bench = Bench()
-    assert bench.send(line + ending) == ["OK"]
-    assert bench.finish() == ["DONE"]
-    assert bench.x == pytest.approx(distance, abs=RADIUS * PULSE)
-    assert math.degrees(bench.heading) == pytest.approx(turn, abs=math.degrees(2 * RADIUS * PULSE / TRACK))
-    x, heading = bench.x, bench.heading
+    step: Callable[[int, int], tuple[float, float]] = lambda left, right: (3.7, -3.7)  # noqa: E731
+    bench.firmware.step = step  # type: ignore[method-assign]
     bench.run(1.0)
-    assert bench.x == pytest.approx(x, abs=RADIUS * PULSE)
-    assert bench.heading == pytest.approx(heading, abs=2 * RADIUS * PULSE / TRACK)
-
-
-def test_commands_add_up() -> None:
-    """Reference angles are kept across commands: rounding to pulses does not accumulate."""
-    bench = Bench()
-    for _ in range(20):
-        assert bench.send("M1") == ["OK"]
-        assert bench.finish() == ["DONE"]
-    assert bench.x == pytest.approx(20 * CELL, abs=2 * RADIUS * PULSE)
-
-
-def test_busy_refuses_everything_but_stop() -> None:
-    bench = Bench()
-    assert bench.send("M9") == ["OK"]
-    bench.run(1.0)
-    for line in ("M1", "B", "Kr90", "Kn90", "F"):
-        assert bench.send(line) == ["BUSY"]
-    assert not bench.firmware.finished
-    assert bench.send("S") == ["OK"]
-    assert not bench.firmware.busy
-    assert bench.finish() == []  # what was stopped is not DONE
-    bench.run(1.0)
-    # It brakes with the largest deceleration: v^2 / 2a after the v t of a second, less the ramp up.
-    v, a = FirmwareParameters().command_speed, LIMITS.acc_lim_x
-    assert bench.x == pytest.approx(v * 1.0 - v * v / (2 * a) + v * v / (2 * a), abs=0.01)
-    assert bench.send("M1") == ["OK"]
-    assert bench.finish() == ["DONE"]
-
-
-def test_stop_is_always_accepted_and_finish_says_so() -> None:
-    bench = Bench()
-    assert bench.send("S") == ["OK"]
-    assert not bench.firmware.finished
-    assert bench.send("F") == ["OK", "DONE"]
-    assert bench.firmware.finished
-
-
-@pytest.mark.parametrize(
-    ("line", "answer"),
-    [
-        ("M0", "ERR M takes 1 to 99 cells, not '0'"),
-        ("M100", "ERR M takes 1 to 99 cells, not '100'"),
-        ("M", "ERR M takes 1 to 99 cells, not ''"),
-        ("M-1", "ERR M takes 1 to 99 cells, not '-1'"),
-        ("M1.5", "ERR M takes 1 to 99 cells, not '1.5'"),
-        ("M\u0661", "ERR M takes 1 to 99 cells, not an unreadable line"),  # an Arabic digit
-        ("M" + "1" * 1000, "ERR M takes 1 to 99 cells, not an unreadable line"),
-        ("Kr0", "ERR Kr takes more than 0, at most 360 degrees, not '0'"),
-        ("Kn360.1", "ERR Kn takes more than 0, at most 360 degrees, not '360.1'"),
-        ("Kr", "ERR Kr takes more than 0, at most 360 degrees, not ''"),
-        ("Krnan", "ERR Kr takes more than 0, at most 360 degrees, not 'nan'"),
-        ("Kr1e2", "ERR Kr takes more than 0, at most 360 degrees, not '1e2'"),
-        ("Kn-90", "ERR Kn takes more than 0, at most 360 degrees, not '-90'"),
-        ("B2", "ERR B takes no number, not '2'"),
-        ("S1", "ERR S takes no number, not '1'"),
-        ("F\xe9", "ERR F takes no number, not an unreadable line"),
-        ("m1", "ERR unknown command 'm1': M<n> Kr<d> Kn<d> B S F"),
-        ("M 1", "ERR unknown command 'M 1': M<n> Kr<d> Kn<d> B S F"),
-        (" M1", "ERR unknown command ' M1': M<n> Kr<d> Kn<d> B S F"),
-        ("", "ERR unknown command '': M<n> Kr<d> Kn<d> B S F"),
-        ("M1\nM2", "ERR unknown command an unreadable line: M<n> Kr<d> Kn<d> B S F"),
-        ("\x00", "ERR unknown command an unreadable line: M<n> Kr<d> Kn<d> B S F"),
-    ],
-)
-def test_bad_lines_are_named_and_move_nothing(line: str, answer: str) -> None:
-    bench = Bench()
-    assert bench.send(line) == [answer]
-    bench.run(0.5)
-    assert (bench.x, bench.heading) == (0.0, 0.0)
-    assert not bench.firmware.finished
-
-
-VALID = st.one_of(
-    st.integers(1, MAX_CELLS).map("M{}".format),
-    st.floats(0.001, 360.0).map(lambda d: f"Kr{d:.3f}"),
-    st.sampled_from(["B", "S", "F"]),
-)
-NEARLY = st.text(st.sampled_from("MKrnBSF0123456789.-+e \t\r\n\0é١"), max_size=8)
-
-
-@settings(deadline=None, max_examples=60)
-@given(line=st.text(max_size=60) | NEARLY)
-def test_any_text_is_answered_and_only_commands_move(line: str) -> None:
-    """Either it is accepted, or it is refused in one line of printable ASCII and nothing moves."""
-    bench = Bench()
-    answers = bench.send(line)
-    assert all(answer.isascii() and answer.isprintable() and len(answer) < 120 for answer in answers)
-    bench.run(0.3)
-    refused = len(answers) == 1 and answers[0].startswith("ERR ")
-    accepted = answers[0] == "OK"
-    assert refused != accepted
-    assert (np.abs(bench.ticks).max() > 0.0) == (accepted and line.strip("\r\n")[0] in "MKB")
-
-
-@settings(deadline=None, max_examples=60)
-@given(lines=st.lists(st.tuples(VALID | NEARLY, st.integers(0, 60)), max_size=8))
-def test_whoever_sends_what_and_when_the_protocol_holds(lines: list[tuple[str, int]]) -> None:
-    """Every accepted motion that is not stopped ends in exactly one DONE; while it lasts, only S is accepted."""
-    bench = Bench()
-    open_motions = 0
-    for line, ticks in lines:
-        busy = bench.firmware.busy
-        text = line.strip("\r\n")
-        answers = bench.send(line)
-        assert answers[0] in (("BUSY",) if busy and text != "S" else ("OK",)) or answers[0].startswith("ERR ")
-        open_motions = 1 if bench.firmware.busy else 0
-        bench.run(ticks * PERIOD)
-        said = list(bench.firmware.answers())
-        assert said == ([] if bench.firmware.busy == bool(open_motions) else ["DONE"])
+    assert bench.speeds == pytest.approx([5.0, -5.0])
 
 
 # -- twists ------------------------------------------------------------------------------------------------------------
-
 
 TWISTS = st.builds(Twist, st.floats(-2, 2), st.floats(-6, 6))
 
@@ -306,6 +122,16 @@ def test_a_command_waits_until_what_went_before_has_come_to_rest() -> None:
     assert np.abs(np.diff(references, n=2)).max() <= 1.125 * LIMITS.acc_lim_x * PERIOD**2 + 1e-9
 
 
+def test_time_of_a_command_is_the_time_of_its_profile() -> None:
+    """A trapezoid over s with top speed v and acceleration a takes s / v + v / a."""
+    bench = Bench()
+    bench.send("M4")
+    bench.finish()
+    p = FirmwareParameters()
+    expected = 4 * CELL / p.command_speed + p.command_speed / LIMITS.acc_lim_x
+    assert len(bench.ticks) * PERIOD == pytest.approx(expected + p.settle_time, abs=0.15)
+
+
 # -- what can go wrong -------------------------------------------------------------------------------------------------
 
 
@@ -368,103 +194,3 @@ def test_headings_are_averaged_across_the_back_direction() -> None:
     bench.send("Kr10")
     assert bench.finish() == ["DONE"]
     assert math.degrees(bench.heading) == pytest.approx(190.0, abs=1.0)
-
-
-# -- in physics --------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize(
-    ("line", "distance", "turn"),
-    [("M1", 0.3, 0.0), ("M3", 0.9, 0.0), ("B", -0.3, 0.0), ("Kr90", 0.0, 90.0), ("Kn45.5", 0.0, -45.5), ("Kr45", 0.0, 45.0)],
-)
-def test_commands_in_physics_beat_the_thesis(seed: int, line: str, distance: float, turn: float) -> None:
-    """Issue 2: distance within 2 %, heading better than the 4.34 % of the thesis (Tables 4.6 and 4.7)."""
-    answers, moved = execute(room(seed=seed), line)
-    assert answers == ["OK", "DONE"]
-    assert moved.x == pytest.approx(distance, abs=max(0.02 * abs(distance), 0.003))
-    assert abs(moved.y) < 0.02
-    assert math.degrees(moved.theta) == pytest.approx(turn, abs=max(0.0434 * abs(turn), 1.0))
-
-
-def test_a_square_of_commands_comes_back() -> None:
-    simulation = room(seed=4)
-    start = simulation.ground_truth().pose
-    for _ in range(4):
-        assert execute(simulation, "M2")[0] == ["OK", "DONE"]
-        assert execute(simulation, "Kr90")[0] == ["OK", "DONE"]
-    end = start.inverse() @ simulation.ground_truth().pose
-    assert math.hypot(end.x, end.y) < 0.03
-    assert abs(math.degrees(end.theta)) < 3.0
-
-
-def test_a_wall_ahead_blocks_although_the_wheels_slip() -> None:
-    """What stands 20 cm ahead of the bumper: 'blocked' after these 20 cm, and no 'DONE'."""
-    simulation = room(solids=[Box((0.2, 2.0, 0.3), SE2(4.40, 4.0))])
-    answers, moved = execute(simulation, "M3")
-    assert answers[0] == "OK"
-    assert answers[1].startswith("ERR blocked after 0.")
-    assert float(answers[1].split()[3]) == pytest.approx(0.20, abs=0.02)
-    assert moved.x == pytest.approx(0.20, abs=0.01)
-    assert execute(simulation, "B")[0] == ["OK", "DONE"]
-
-
-def test_stop_during_execution_in_physics() -> None:
-    simulation = room()
-    simulation.sense()
-    simulation.act(Serial("M9"))
-    drive(simulation, Hold(), 1.0)
-    simulation.act(Serial("S"))
-    drive(simulation, Hold(), 1.0)
-    assert not simulation.busy
-    here = simulation.ground_truth().pose
-    drive(simulation, Hold(), 1.0)
-    assert here.distance_to(simulation.ground_truth().pose) < 1e-3
-
-
-def test_a_compass_repairs_the_heading_of_a_badly_built_car() -> None:
-    """Wheels 2 % different: encoders believe to go straight. Root mean square of the heading over several cars."""
-    errors: dict[bool, list[float]] = {False: [], True: []}
-    for seed in range(5):
-        for compass in errors:
-            built = PhysicsParameters(wheel_radius_std=0.02)
-            simulation = room(seed=seed, fit_out=FitOut(compass=compass), physics=built)
-            drive(simulation, Hold(), 0.5)
-            answers, moved = execute(simulation, "M5")
-            assert answers[-1] == "DONE"
-            errors[compass].append(math.degrees(moved.theta))
-    without, with_compass = (float(np.sqrt(np.mean(np.square(errors[key])))) for key in (False, True))
-    assert without > 2.0
-    assert with_compass < 0.6
-    assert with_compass < 0.5 * without
-
-
-def test_acceleration_in_physics_keeps_its_limit() -> None:
-    """The true speed's slope over a fifth of a second."""
-    simulation = room(physics=IDENTICAL_CARS)
-    speeds = []
-    for _ in range(40):
-        simulation.act(Drive(Twist(0.4, 0.0)))
-        speeds.append(simulation.ground_truth().twist.v)
-    slopes = [(b - a) / 0.2 for a, b in pairwise(speeds[::4])]
-    assert max(slopes) == pytest.approx(LIMITS.acc_lim_x, rel=0.15)
-    assert speeds[-1] == pytest.approx(0.4, rel=0.05)
-
-
-def test_time_of_a_command_is_the_time_of_its_profile() -> None:
-    """A trapezoid over s with top speed v and acceleration a takes s / v + v / a."""
-    bench = Bench()
-    bench.send("M4")
-    bench.finish()
-    p = FirmwareParameters()
-    expected = 4 * CELL / p.command_speed + p.command_speed / LIMITS.acc_lim_x
-    assert len(bench.ticks) * PERIOD == pytest.approx(expected + p.settle_time, abs=0.15)
-
-
-def test_the_bench_can_fail() -> None:
-    """The simulated wheel itself: no voltage, no motion; its final speed is voltage over back-EMF."""
-    bench = Bench()
-    step: Callable[[int, int], tuple[float, float]] = lambda left, right: (3.7, -3.7)  # noqa: E731
-    bench.firmware.step = step  # type: ignore[method-assign]
-    bench.run(1.0)
-    assert bench.speeds == pytest.approx([5.0, -5.0])

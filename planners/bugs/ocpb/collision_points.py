@@ -17,7 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robocar.core import Array, frozen_array
-from robocar.planners.tracking.open_points import ScanPanorama
+from robocar.planners.tracking.panorama import ScanPanorama
 from robocar.planners.tracking.tracker import Tracked
 
 

@@ -32,8 +32,7 @@ What the paper leaves open, and how it is decided here:
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from enum import Enum
+from dataclasses import replace
 
 import numpy as np
 
@@ -42,11 +41,14 @@ from robocar.core.trace import PLAN_COLOR, Drawable
 from robocar.planners.bugs.local_planner import build_bug
 from robocar.planners.bugs.ocpb import collision_points, sub_goals
 from robocar.planners.bugs.ocpb.collision_points import Collision, Moving, near_virtual, predict, standing_world, with_virtual
+from robocar.planners.bugs.ocpb.leg import Leg, LegKind
+from robocar.planners.bugs.ocpb.parameters import OcpbParameters
 from robocar.planners.bugs.ocpb.sub_goals import SAME
 from robocar.planners.bugs.ocpb.traverse import Traverse
+from robocar.planners.bugs.open_points import OpenPoint, open_point_rows, points_of
 from robocar.planners.bugs.view import ARRIVED, BugParameters, BugView, Move, Stand, To, narrow_gap
 from robocar.planners.navigators.plan_and_follow import Reactive
-from robocar.planners.tracking.open_points import Lookout, OpenPoint, ScanPanorama, open_point_rows, points_of
+from robocar.planners.tracking.panorama import Lookout, ScanPanorama
 from robocar.planners.tracking.tracker import ObstacleTracker
 
 _TURN_DELAY = 0.3  # [s] to brake, look up and start
@@ -59,52 +61,8 @@ _LOOKS_AGAIN = 3
 _TRIES = 4  # a way that was called free and turned out blocked this often is blocked
 
 
-@dataclass(frozen=True, slots=True)
-class OcpbParameters:
-    """
-    Args:
-        max_obstacle_width: wider obstacles are taken for walls and not followed [m].
-        tracking_distance: farther obstacles are not followed [m].
-        collision_margin: kept free between the robot's body and a moving obstacle, for errors of the prediction [m].
-        prediction_horizon: collisions later than this are not looked for yet [s].
-        max_iterations: decisions after which it gives up.
-    """
-
-    max_obstacle_width: float = 1.0
-    tracking_distance: float = 5.5
-    collision_margin: float = 0.12
-    prediction_horizon: float = 6.0
-    max_iterations: int = 1000
-
-    def __post_init__(self) -> None:
-        for name in self.__dataclass_fields__:
-            value = getattr(self, name)
-            if not (math.isfinite(value) and (value > 0 or (name == "collision_margin" and value == 0))):
-                raise ValueError(f"{name} must be positive, not {value}")
-
-
 _ANGLES = np.linspace(0.0, math.tau, 33)
 _RING = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
-
-
-class LegKind(Enum):
-    """Why the robot drives."""
-
-    GOAL = "to the goal"
-    CRITICAL = "to the critical point"
-    BACK = "back"
-    EVADE = "out of the way"
-
-
-@dataclass(slots=True, eq=False)
-class Leg:
-    """A straight way: turn, then drive; what it is for, its end (2,) [m], the number of the sub-goal that it leads to (-1: none),
-    and how many scans in a row have called it blocked."""
-
-    kind: LegKind
-    target: Array
-    subgoal: int = -1
-    flags: int = 0
 
 
 class OperativeCriticalPointBug:

@@ -1,6 +1,6 @@
 """The camera above the field (the thesis' global camera): where the car is, and where obstacles stand.
 
-The car carries two coloured markers on its deck (models/robocar/README.md). The camera's place and lens are known, so a
+The car carries two coloured markers on its deck (models/robots/robocar/README.md). The camera's place and lens are known, so a
 marker's pixel is a ray, and the ray meets the plane that the deck lies in.
 
 Obstacles are what does not look like the floor. A camera sees them displaced outwards, the more the taller they are: what

@@ -12,8 +12,8 @@ from numba.core.registry import CPUDispatcher
 from robocar.core import OCCUPIED, SE2, STOP, Belief, Goal, Observation, OccupancyGrid, ParameterError, Scan, Text, Twist
 from robocar.episode.registry import build
 from robocar.planners.bugs.local_planner import Bug
+from robocar.planners.bugs.open_points import VirtualCircle
 from robocar.planners.bugs.view import BugParameters, free_way, narrow_gap
-from robocar.planners.tracking.open_points import VirtualCircle
 from tests.planners.beams import Disc, Drives, drive, laser_car, scan_of
 from tests.planners.kinematic import car, context
 

@@ -17,7 +17,8 @@ from robocar.core import OCCUPIED, SE2, Belief, GiveUp, Goal, Observation, Occup
 from robocar.core.geodesic import geodesic_distance
 from robocar.episode.result import RunResult
 from robocar.episode.run import run
-from robocar.planners.search.dynamic_a_star import CarLattice, DynamicAStar, DynamicAStarParameters, build
+from robocar.planners.search.car_lattice import CarLattice
+from robocar.planners.search.dynamic_a_star import DynamicAStar, DynamicAStarParameters, build
 from robocar.planners.search.obstacle_memory import (
     _EXPLAINED,
     _HIT,

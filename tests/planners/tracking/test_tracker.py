@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from robocar.core import OCCUPIED, SE2, Observation, OccupancyGrid, Twist
 from robocar.planners.bugs.ocpb.collision_points import Collision, Moving, crossing, predict, standing_world, with_virtual
 from robocar.planners.tracking.kernel import line
-from robocar.planners.tracking.open_points import ScanPanorama, Surround
+from robocar.planners.tracking.panorama import ScanPanorama, Surround
 from robocar.planners.tracking.tracker import Kind, ObstacleTracker, Tracked
 from tests.planners.beams import Disc, disc_ranges, laser_car, scan_of
 from tests.planners.tracking.tracking_reference import Reference

@@ -10,7 +10,7 @@ import numpy as np
 
 from robocar.core import Array
 from robocar.planners.tracking.kernel import ends_of, line, seen_through
-from robocar.planners.tracking.open_points import ScanPanorama
+from robocar.planners.tracking.panorama import ScanPanorama
 from robocar.planners.tracking.tracker import Kind, _clusters
 
 

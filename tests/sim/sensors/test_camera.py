@@ -92,14 +92,14 @@ def test_pictures_have_the_size_and_the_rate_they_should(running: list[Simulatio
     assert [image.time for image in images] == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
     assert {image.pixels.shape for image in images} == {(120, 160, 3)}
     assert {image.pixels.dtype for image in images} == {np.dtype(np.uint8)}
-    # 45 degrees from top to bottom (robocar.xml), square pixels, principal point in the middle.
+    # 45 degrees from top to bottom (robot.xml), square pixels, principal point in the middle.
     focal = 60.0 / math.tan(math.radians(22.5))
     np.testing.assert_allclose(images[0].intrinsics, [[focal, 0, 80], [0, focal, 60], [0, 0, 1]])
 
 
 def test_the_camera_looks_ahead_from_where_it_is_mounted(running: list[Simulation]) -> None:
-    """robocar.xml: pan at (0.06, 0, 0.118), tilt 26 mm above, the lens 12 mm ahead. OpenCV: z ahead, x right, y down."""
-    camera = ElementTree.parse(MODELS / "robocar" / "robocar.xml").find(".//camera[@name='camera']")
+    """robot.xml: pan at (0.06, 0, 0.118), tilt 26 mm above, the lens 12 mm ahead. OpenCV: z ahead, x right, y down."""
+    camera = ElementTree.parse(MODELS / "robots" / "robocar" / "robot.xml").find(".//camera[@name='camera']")
     assert camera is not None
     right, up = np.reshape([float(number) for number in camera.attrib["xyaxes"].split()], (2, 3))
     assert right.tolist() == [0, -1, 0]
@@ -207,7 +207,7 @@ def test_equal_seeds_give_equal_pictures(running: list[Simulation]) -> None:
 
 @pytest.mark.parametrize("start", [SE2(1.0, 0.8, 0.0), SE2(2.6, 1.9, 2.2), SE2(3.0, 0.5, -1.2)])
 def test_the_top_camera_sees_the_markers_where_they_are(running: list[Simulation], start: SE2) -> None:
-    """robocar.xml: cyan 45 mm ahead, magenta 55 mm behind, 117 mm high. Thesis' field of 3.5 x 2.5 m."""
+    """robot.xml: cyan 45 mm ahead, magenta 55 mm behind, 117 mm high. Thesis' field of 3.5 x 2.5 m."""
     simulation = room(3.5, 2.5, start=start, fit_out=FitOut(top_camera=True))
     running.append(simulation)
     image, pose = simulation.sense().top_image, simulation.ground_truth().pose

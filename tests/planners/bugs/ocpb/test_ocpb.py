@@ -14,12 +14,14 @@ from scipy.sparse.csgraph import dijkstra
 from robocar.core import OCCUPIED, SE2, Arrows, Goal, Lines, OccupancyGrid, Points
 from robocar.episode.registry import build
 from robocar.episode.run import run as run_in_physics
-from robocar.planners.bugs.ocpb.strategy import OcpbParameters, OperativeCriticalPointBug
+from robocar.planners.bugs.ocpb.parameters import OcpbParameters
+from robocar.planners.bugs.ocpb.strategy import OperativeCriticalPointBug
 from robocar.planners.bugs.ocpb.sub_goals import SAME
 from robocar.planners.bugs.ocpb.surfaces import Surfaces
 from robocar.planners.bugs.ocpb.traverse import Candidate, Traverse
+from robocar.planners.bugs.open_points import OpenPoint, VirtualCircle
 from robocar.planners.bugs.view import BugParameters, BugView, narrow_gap
-from robocar.planners.tracking.open_points import OpenPoint, ScanPanorama, VirtualCircle
+from robocar.planners.tracking.panorama import ScanPanorama
 from tests.planners.beams import Disc, Drives, drive, laser_car
 from tests.planners.kinematic import context
 

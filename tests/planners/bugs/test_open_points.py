@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from robocar.core import OCCUPIED, SE2, Footprint, Observation, OccupancyGrid, ParameterError, Robot, Scan
 from robocar.core.rays import cast_rays
-from robocar.planners.tracking.open_points import OpenPoint, ScanPanorama, Surround, VirtualCircle, find_open_points, middle
+from robocar.planners.bugs.open_points import OpenPoint, VirtualCircle, find_open_points
+from robocar.planners.tracking.panorama import ScanPanorama, Surround, middle
 from tests.planners.beams import MAX_RANGE, laser_car, scan_of
 from tests.planners.kinematic import car
 

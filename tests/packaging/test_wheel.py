@@ -1,16 +1,13 @@
 """The wheel holds the project and works away from the checkout. Oracles: the tree's files, and a fresh virtual environment."""
 
 import json
-import os
 import re
 import shutil
-import stat
 import subprocess
 import sys
-import sysconfig
+import tarfile
 import textwrap
 import tomllib
-import venv
 import zipfile
 from email import message_from_bytes
 from pathlib import Path, PurePosixPath
@@ -22,9 +19,10 @@ from packaging.utils import canonicalize_name
 from robocar.episode.run import run
 from robocar.formats import load_map
 from robocar.scenario.load import load_scenario, scenario_names
+from tests.packaging.environments import outside
 
-ROOT = Path(__file__).parents[1]
-PACKAGES = ("robocar", "planners", "experiments")
+ROOT = Path(__file__).parents[2]
+LINKED = ("planners", "experiments", "benchmarks")
 NO_PART = {"__pycache__", ".DS_Store"}
 
 
@@ -37,55 +35,19 @@ def files_below(folder: Path) -> set[PurePosixPath]:
     }
 
 
-@pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    pytest.importorskip("build", reason="builds a wheel: pip install build")
-    pytest.importorskip("hatchling", reason="builds a wheel: pip install hatchling")
-    out = tmp_path_factory.mktemp("dist")
-    command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(out), str(ROOT)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    (built,) = out.glob("*.whl")
-    return built
-
-
-@pytest.fixture(scope="module")
-def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """`bin` of a fresh environment: the wheel in it, its dependencies borrowed from this one."""
-    home = tmp_path_factory.mktemp("venv")
-    venv.create(home, with_pip=False, symlinks=True)
-    python = home / "bin" / "python"
-    install = ["install", "--quiet", "--no-deps", "--no-index", "--disable-pip-version-check", str(wheel)]
-    subprocess.run([sys.executable, "-m", "pip", "--python", str(python), *install], check=True, capture_output=True)
-    # Only the folder: .pth files in it, such as that of an editable checkout, are not followed.
-    site = subprocess.run(
-        [python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"], capture_output=True, text=True, check=True
-    ).stdout.strip()
-    borrowed = dict.fromkeys([sysconfig.get_path("purelib"), sysconfig.get_path("platlib")])
-    (Path(site) / "borrowed.pth").write_text("\n".join(borrowed) + "\n")
-    return home / "bin"
-
-
-def outside(bin_folder: Path, folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
-    """Runs a command of the fresh environment in a folder that is not the checkout."""
-    # What the fresh environment has to compile need not be fast; the results are the same.
-    env = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | {"NUMBA_OPT": "0"}
-    program = str(bin_folder / command[0])
-    return subprocess.run([program, *command[1:]], cwd=folder, env=env, capture_output=True, text=True, check=False)
-
-
 def test_the_wheel_holds_the_tree_and_nothing_else(wheel: Path) -> None:
-    expected = set().union(*(files_below(ROOT / package) for package in PACKAGES))
-    expected |= {PurePosixPath("robocar") / path for path in files_below(ROOT / "models")}
+    expected = {path for path in files_below(ROOT / "robocar") if path.parts[1] not in LINKED}
+    expected |= {PurePosixPath("robocar") / path for folder in (*LINKED, "models") for path in files_below(ROOT / folder)}
     with zipfile.ZipFile(wheel) as archive:
         held = {PurePosixPath(name) for name in archive.namelist() if not name.endswith("/")}
     meta = {path for path in held if path.parts[0].endswith(".dist-info")}
     assert held - meta == expected
     assert {path.name for path in meta} >= {"METADATA", "RECORD", "entry_points.txt", "LICENSE"}
     # The parts that a user would miss first, by name: the comparison above would not notice if the tree lost them too.
-    needed = ["robocar/py.typed", "planners/py.typed", "robocar/models/robocar/robocar.xml", "planners/search/a_star.py"]
-    needed += ["robocar/models/scenarios/thesis-field.yaml", "robocar/models/maps/thesis_field.pgm", "experiments/__init__.py"]
-    assert {PurePosixPath(name) for name in needed} <= held
+    needed = ["py.typed", "planners/search/a_star.py", "experiments/barn.py", "benchmarks/bench_loop.py"]
+    needed += ["models/robots/robocar/robot.xml", "models/scenarios/thesis-field.yaml", "models/maps/thesis_field.pgm"]
+    assert {PurePosixPath("robocar") / name for name in needed} <= held
+    assert {path.parts[0] for path in held - meta} == {"robocar"}  # the one import name
 
 
 def test_the_wheel_says_what_pyproject_says(wheel: Path) -> None:
@@ -99,15 +61,29 @@ def test_the_wheel_says_what_pyproject_says(wheel: Path) -> None:
     assert metadata["License-Expression"] == project["license"]
     needed = {canonicalize_name(Requirement(line).name) for line in metadata.get_all("Requires-Dist", []) if "extra" not in line}
     assert needed == {canonicalize_name(Requirement(line).name) for line in project["dependencies"]}
-    assert re.search(r"^robocar\s*=\s*robocar\.cli:main$", scripts, re.MULTILINE)
+    assert re.search(r"^robocar\s*=\s*robocar\.cli\.main:main$", scripts, re.MULTILINE)
 
 
-def test_the_fresh_environment_imports_the_wheel_and_not_the_checkout(installed: Path, tmp_path: Path) -> None:
-    script = f"import {', '.join(PACKAGES)}; print({', '.join(f'{package}.__file__' for package in PACKAGES)}, sep='\\n')"
-    done = outside(installed, tmp_path, "python", "-c", script)
+@pytest.mark.parametrize("name", ["robocar", *(f"robocar.{folder}" for folder in LINKED)])
+def test_the_fresh_environment_imports_the_wheel_and_not_the_checkout(name: str, installed: Path, tmp_path: Path) -> None:
+    done = outside(installed, tmp_path, "python", "-c", f"import {name}; print({name}.__file__)")
     assert done.returncode == 0, done.stderr
-    places = [Path(line) for line in done.stdout.splitlines()]
-    assert [place.is_relative_to(installed.parent) for place in places] == [True] * len(PACKAGES)
+    assert Path(done.stdout.strip()).is_relative_to(installed.parent)
+
+
+def test_the_sdist_holds_each_folder_once_and_makes_the_same_wheel(wheel: Path, tmp_path: Path) -> None:
+    """Oracle: the wheel of the checkout; links are for checkouts, so an archive of folders holds none."""
+    command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(tmp_path), str(ROOT)]  # the wheel from the sdist
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (sdist,), (again,) = tmp_path.glob("*.tar.gz"), tmp_path.glob("*.whl")
+    with tarfile.open(sdist) as archive:
+        assert [member.name for member in archive.getmembers() if member.issym() or member.islnk()] == []
+        held = {PurePosixPath(*PurePosixPath(member.name).parts[1:]) for member in archive.getmembers()}
+    assert {path for path in held if path.parts[:1] == ("planners",)} == files_below(ROOT / "planners")
+    assert not {path for path in held if path.parts[0] == "robocar" and path.parts[1] in LINKED}
+    with zipfile.ZipFile(wheel) as first, zipfile.ZipFile(again) as second:
+        assert sorted(first.namelist()) == sorted(second.namelist())
 
 
 def test_scenarios_are_listed_from_another_folder(installed: Path, tmp_path: Path) -> None:
@@ -188,44 +164,3 @@ def test_constraints_pin_all_that_pyproject_asks_for() -> None:
     requirements = [Requirement(line) for line in wanted]
     unmet = [str(r) for r in requirements if not r.specifier.contains(versions.get(canonicalize_name(r.name), "0"))]
     assert unmet == []
-
-
-def stub(folder: Path, name: str, script: str) -> None:
-    path = folder / name
-    path.write_text(f"#!/bin/sh\n{script}\n")
-    path.chmod(path.stat().st_mode | stat.S_IXUSR)
-
-
-@pytest.mark.parametrize(
-    ("python", "told"),
-    [
-        # Python without ensurepip, as Debian's is before python3-venv is installed.
-        (
-            f'case "$2" in *ensurepip*) exit 1;; *) exec {sys.executable} "$@";; esac',
-            "install -y --no-install-recommends python3.",
-        ),
-        # Python too old or too new: `suits` asks for its version.
-        ("exit 1", "install -y --no-install-recommends python3 python3-venv"),
-    ],
-    ids=["without venv", "wrong version"],
-)
-def test_setup_without_rights_says_the_line_to_type(tmp_path: Path, python: str, told: str) -> None:
-    """Oracle: a PATH on which nobody is root, sudo asks for a password, and Python is not what it should be."""
-    (tmp_path / "scripts").mkdir()
-    script = tmp_path / "scripts" / "setup.sh"
-    script.write_bytes((ROOT / "scripts" / "setup.sh").read_bytes())
-    programs = tmp_path / "programs"
-    programs.mkdir()
-    (programs / "dirname").symlink_to("/usr/bin/dirname")
-    for name, text in {"id": "echo 1000", "sudo": "exit 1", "apt-get": "echo called >> apt.log", "sleep": ""}.items():
-        stub(programs, name, text)
-    for name in ("python3", "python3.11", "python3.12"):
-        stub(programs, name, python)
-    done = subprocess.run(
-        ["/bin/bash", str(script), "demo"], env={"PATH": str(programs)}, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 1
-    (line,) = [line for line in done.stderr.splitlines() if line.startswith("sudo apt-get")]
-    assert told in line
-    assert not (tmp_path / ".venv").exists()
-    assert not (tmp_path / "apt.log").exists()

@@ -1,0 +1,105 @@
+"""What goes wrong is told: parts that fail end the run with a complete directory, bad arguments leave no trace.
+
+Oracles: parts that are broken in known ways, the files of the run, read back.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from robocar.core import ParameterError, RobocarError, ScenarioError, UnknownNameError
+from robocar.episode.run import run, simulate
+from robocar.formats import read_tum
+from robocar.recording import read_trajectory
+from tests.episode.runs import PARTS, SHORT, short, strict
+
+FAULTS = {
+    "nan": "ValueError: the navigator commanded a number that is not finite",
+    "nan_pan": "ValueError: the navigator commanded a number that is not finite",
+    "raises": "ZeroDivisionError: no way to divide",
+    "exits": "SystemExit: 0",
+    "none": "TypeError: the navigator must return a command, not NoneType",
+    "tuple_of_speeds": "TypeError: the navigator must return a command, not tuple",
+    "serial_number": "TypeError: the navigator must give a text, not int",
+    "no_trace": "TypeError: the navigator's trace must be a mapping",
+    "odd_trace": "TypeError: the navigator's trace must be a mapping of names to drawables; 'what' is int",
+    "word_scalar": "TypeError: the navigator's trace must hold numbers as scalars; 'what' is 'much'",
+    "undrawable": "ValueError: cannot reshape",
+}
+
+
+class TestFaults:
+    @pytest.mark.parametrize("navigator", FAULTS)
+    def test_of_a_planner_end_the_run_and_its_directory_is_complete(self, navigator: str, tmp_path: Path) -> None:
+        result = run(SHORT, navigator=f"broken_parts:{navigator}", estimator="truth", out=tmp_path)
+        assert result.status == "error"
+        assert result.reason.startswith(FAULTS[navigator])
+        assert not result.success
+        assert result.directory is not None
+        assert result.reason.partition(":")[0] in (result.directory / "error.txt").read_text()
+        assert "Traceback" in (result.directory / "error.txt").read_text()
+        assert strict((result.directory / "metrics.json").read_text())["reason"] == result.reason
+        times, _ = read_trajectory(result.directory / "run.rrd")
+        assert len(times) >= 5  # the ticks before are kept
+        assert len(read_tum(result.directory / "truth.tum").times) == 5
+
+    @pytest.mark.parametrize(
+        ("estimator", "reason"),
+        [
+            ("estimator_raises", "RuntimeError: lost"),
+            ("estimator_nan", r"ValueError: a pose needs finite numbers, not \(nan, 0.0, 0.0\)"),
+            ("estimator_none", "TypeError: the estimator must return a belief, not NoneType"),
+        ],
+    )
+    def test_of_an_estimator(self, estimator: str, reason: str, tmp_path: Path) -> None:
+        result = run(SHORT, navigator="broken_parts:still", estimator=f"broken_parts:{estimator}", out=tmp_path, record=False)
+        assert result.status == "error"
+        assert re.match(reason, result.reason)
+        assert result.directory is not None
+        assert result.value("contacts") == 0
+
+    def test_of_a_factory_is_bad_input(self) -> None:
+        with pytest.raises(ParameterError, match="broken_parts:factory_raises' cannot be built: OSError: no licence"):
+            run(SHORT, navigator="broken_parts:factory_raises")
+
+    @pytest.mark.parametrize(
+        ("keywords", "error", "message"),
+        [
+            ({"navigator": "dynamic-astar"}, UnknownNameError, r"did you mean 'dynamic-a-star'\?\); known: a-star, "),
+            ({"estimator": "odometer"}, UnknownNameError, r"known: .*odometry, odometry-compass, "),
+            ({"mapper": "x"}, UnknownNameError, r"unknown mapper 'x'; known: .*none"),
+            ({"navigator": "broken_parts:no_factory"}, UnknownNameError, "no function or class 'no_factory'"),
+            ({"navigator": "no_such_module:build"}, UnknownNameError, "there is no module 'no_such_module'"),
+            ({"settings": {"navigator.sped": 1}}, ParameterError, "has no parameter 'sped'"),
+            ({"settings": {"navigator": "x"}}, ScenarioError, "choose it with --navigator"),
+            ({"settings": {"robot.lidr": "none"}}, ScenarioError, r"unknown key 'robot\.lidr' \(did you mean 'lidar'\?\)"),
+            ({"settings": {"folder": "/"}}, ScenarioError, "unknown key 'folder'"),
+            ({"seed": -1}, ScenarioError, "whole number from 0 on, not -1"),
+            ({"seed": True}, ScenarioError, "whole number from 0 on, not True"),
+            ({"seed": 1.5}, ScenarioError, "whole number from 0 on, not 1.5"),
+        ],
+    )
+    def test_bad_arguments_leave_no_trace(self, keywords: Any, error: type[RobocarError], message: str, tmp_path: Path) -> None:
+        with pytest.raises(error, match=message):
+            run(SHORT, **(PARTS | keywords), out=tmp_path / "runs")
+        assert list(tmp_path.rglob("*s0*")) == []
+
+    @pytest.mark.parametrize("kind", ["navigator", "estimator", "mapper"])
+    def test_a_scenario_names_no_code(self, kind: str, tmp_path: Path) -> None:
+        """Data files run no code: the module would leave a mark when imported."""
+        file = tmp_path / "evil.yaml"
+        file.write_text(yaml.safe_dump(short(defaults={kind: "broken_parts:straight"})))
+        with pytest.raises(ScenarioError, match=rf"evil\.yaml: defaults\.{kind}: a scenario runs no code"):
+            run(file)
+        with pytest.raises(ScenarioError, match="a scenario runs no code"):
+            run(SHORT, settings={f"defaults.{kind}": "broken_parts:straight"})
+
+
+def test_simulate_has_no_parts() -> None:
+    with pytest.raises(ScenarioError, match="there is no navigator here"):
+        simulate(SHORT, settings={"navigator.speed": 1.0})
