@@ -15,7 +15,7 @@ from robocar.core.trace import Drawable
 from robocar.planners.bugs.local_planner import build_bug
 from robocar.planners.bugs.motion import Boundary
 from robocar.planners.bugs.view import HIT, LEAVE, LOOP, LOOP_LENGTH, BugView, Move, To
-from robocar.planners.navigators.plan_and_follow import Reactive
+from robocar.planners.navigators.reactive import Reactive
 
 _SIDE = 1  # the local direction, left or right, is arbitrary but fixed: the obstacle stays on the left hand
 _ON_LINE = 0.05  # [m]

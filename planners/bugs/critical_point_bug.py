@@ -15,7 +15,7 @@ from robocar.core import Array, Context
 from robocar.planners.bugs.local_planner import build_bug
 from robocar.planners.bugs.point_bug import PointBug
 from robocar.planners.bugs.view import BugParameters, BugView
-from robocar.planners.navigators.plan_and_follow import Reactive
+from robocar.planners.navigators.reactive import Reactive
 
 
 class CriticalPointBug(PointBug):

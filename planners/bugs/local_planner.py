@@ -43,7 +43,7 @@ from robocar.planners.bugs.view import (
     narrow_gap,
     room_at,
 )
-from robocar.planners.navigators.plan_and_follow import Reactive
+from robocar.planners.navigators.reactive import Reactive
 from robocar.planners.tracking.panorama import ScanPanorama, Surround, middle
 
 STOPPING_SHARE = 0.5  # of the goal's tolerance: the belief may be off

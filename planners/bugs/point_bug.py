@@ -16,7 +16,7 @@ from robocar.core.trace import Drawable
 from robocar.planners.bugs.local_planner import build_bug
 from robocar.planners.bugs.open_points import OpenPoint, find_open_points
 from robocar.planners.bugs.view import ARRIVED, BugParameters, BugView, Move, Stand, To
-from robocar.planners.navigators.plan_and_follow import Reactive
+from robocar.planners.navigators.reactive import Reactive
 from robocar.planners.tracking.panorama import Lookout, ScanPanorama
 
 _SAME = 0.10  # [m] sub-goals nearer to each other are one

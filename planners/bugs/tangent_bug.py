@@ -16,7 +16,7 @@ from robocar.core.trace import Drawable
 from robocar.planners.bugs.local_planner import build_bug
 from robocar.planners.bugs.motion import Boundary, nearer_side
 from robocar.planners.bugs.view import ARRIVED, LOOP, LOOP_LENGTH, BugView, Move, To
-from robocar.planners.navigators.plan_and_follow import Reactive
+from robocar.planners.navigators.reactive import Reactive
 
 _CLOSER = 0.05  # [m] the improvement that counts
 _FOLLOWED = 0.3  # [m] beyond the virtual circle: what is nearer belongs to the boundary that is followed

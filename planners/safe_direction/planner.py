@@ -36,7 +36,7 @@ from robocar.core import (
 from robocar.core.trace import Drawable
 from robocar.planners.controllers import pure_pursuit
 from robocar.planners.controllers.pure_pursuit import STOPPING_SHARE, PurePursuit
-from robocar.planners.navigators.plan_and_follow import Reactive
+from robocar.planners.navigators.reactive import Reactive
 from robocar.planners.safe_direction.fan import Fan, fan
 from robocar.planners.safe_direction.memory import RollingMemory
 from robocar.planners.safe_direction.method import JOINED, Decision, Directions, SafeDirectionParameters

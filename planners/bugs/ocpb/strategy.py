@@ -47,7 +47,7 @@ from robocar.planners.bugs.ocpb.sub_goals import SAME
 from robocar.planners.bugs.ocpb.traverse import Traverse
 from robocar.planners.bugs.open_points import OpenPoint, open_point_rows, points_of
 from robocar.planners.bugs.view import ARRIVED, BugParameters, BugView, Move, Stand, To, narrow_gap
-from robocar.planners.navigators.plan_and_follow import Reactive
+from robocar.planners.navigators.reactive import Reactive
 from robocar.planners.tracking.panorama import Lookout, ScanPanorama
 from robocar.planners.tracking.tracker import ObstacleTracker
 

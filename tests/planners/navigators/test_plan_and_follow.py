@@ -31,7 +31,8 @@ from robocar.core import (
 from robocar.formats.generated import maze, rooms
 from robocar.planners.controllers import pure_pursuit
 from robocar.planners.costmap.layered import inflate
-from robocar.planners.navigators.plan_and_follow import NavigatorParameters, PlanAndFollow, Reactive, plan_and_follow
+from robocar.planners.navigators.plan_and_follow import NavigatorParameters, PlanAndFollow, plan_and_follow
+from robocar.planners.navigators.reactive import Reactive
 from robocar.planners.search import a_star, d_star_lite, theta_star
 from tests.planners.kinematic import BEAM, DT, Drives, car, context, drive
 
