@@ -5,6 +5,7 @@ The stable API: `robocar.run(scenario, navigator=..., estimator=..., seed=..., o
 """
 
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -13,6 +14,11 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 __all__ = ["RunResult", "__version__", "run", "simulate"]
+
+# `planners`, `experiments` and `benchmarks` are in here: folders in a wheel, links in a checkout. In an unpacked sdist, and where
+# there are no symbolic links, they lie beside this folder.
+if not (Path(__file__).parent / "planners" / "__init__.py").is_file():
+    __path__.append(str(Path(__file__).parents[1]))
 
 
 def __getattr__(name: str) -> Any:

@@ -1,5 +1,5 @@
 """`python -m robocar` is the command line."""
 
-from robocar.cli.main import main
+from robocar.cli import main
 
 main()

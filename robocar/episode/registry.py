@@ -11,7 +11,7 @@ import importlib.metadata
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from types import ModuleType
-from typing import Any, Literal, TypeGuard
+from typing import Any, Literal
 
 from robocar.core import Context, ParameterError, RobocarError, UnknownNameError
 from robocar.core.suggestions import did_you_mean
@@ -315,16 +315,14 @@ def parameters(entry: Entry) -> dict[str, Any]:
         for field in fields(_load(path, path)):
             found[field.name] = field.default
     if not entry.parameters and ":" in entry.factory:
-        # A third party's: the dataclasses called ...Parameters in its module, if it follows the convention.
-        module = _import(entry.factory.partition(":")[0], entry.factory)
-        for cls in vars(module).values():
-            if _is_parameters(cls) and cls.__module__.partition(".")[0] == module.__name__.partition(".")[0]:
-                found.update({field.name: field.default for field in fields(cls)})
+        # A factory by its path: its module's dataclass `Parameters`, or the one called after the module, if it has one.
+        path = entry.factory.partition(":")[0]
+        called_after = "".join(word.capitalize() for word in path.rpartition(".")[2].split("_")) + "Parameters"
+        for name in ("Parameters", called_after):
+            cls = getattr(_import(path, entry.factory), name, None)
+            if isinstance(cls, type) and is_dataclass(cls):
+                return {field.name: field.default for field in fields(cls)}
     return found
-
-
-def _is_parameters(what: object) -> TypeGuard[type]:
-    return isinstance(what, type) and is_dataclass(what) and what.__name__.endswith("Parameters")
 
 
 def _refuse_unknown(kind: Kind, name: str, given: Mapping[str, Any], known: Mapping[str, Any]) -> None:

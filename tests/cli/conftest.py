@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from robocar.cli.main import main
+from robocar.cli import main
 from tests.cli.command_line import SHORT, Call
 
 GRID = "############\n#S.........#\n#..........#\n#......#...#\n#......#...#\n#......#..G#\n############\n"

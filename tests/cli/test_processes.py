@@ -32,7 +32,7 @@ def environment(*folders: Path) -> dict[str, str]:
 
 def test_help_and_version_import_nothing_heavy() -> None:
     code = (
-        "import sys\nfrom robocar.cli.main import main\n"
+        "import sys\nfrom robocar.cli import main\n"
         "try: main(sys.argv[1:])\n"
         "except SystemExit as end: assert not end.code\n"
         "heavy = {'mujoco', 'rerun', 'numba', 'matplotlib', 'numpy', 'scipy', 'cv2', 'pydantic', 'yaml'} & set(sys.modules)\n"

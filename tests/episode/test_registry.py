@@ -117,6 +117,33 @@ def test_a_third_party_without_one_looks_at_its_parameters_itself(
     assert build("navigator", "free_form:build", replace(context, parameters={"anything": 3})) == {"anything": 3}
 
 
+@pytest.mark.parametrize(
+    ("module", "text", "known"),
+    [
+        (
+            "plain",
+            "@dataclass\nclass Parameters:\n    gain: float = 1.0\n@dataclass\nclass PlainParameters:\n    other: int = 1\n",
+            {"gain"},
+        ),
+        ("wall_shy_too", "@dataclass\nclass WallShyTooParameters:\n    weight: float = 1.0\n", {"weight"}),
+        # Dataclasses for the module's own use say nothing about what the factory takes.
+        (
+            "own_use",
+            "@dataclass\nclass SensorParameters:\n    a: int = 1\n@dataclass\nclass _OwnUseParameters:\n    b: int = 1\n",
+            set(),
+        ),
+        ("borrowed", "from robocar.planners.search.a_star import AStarParameters as Parameters\n", {"metric", "weight"}),
+    ],
+)
+def test_which_dataclass_a_factory_by_path_takes_its_parameters_from(
+    module: str, text: str, known: set[str], tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`Parameters`, wherever it comes from, or the one called after the module; no other."""
+    (tmp_path / f"{module}.py").write_text(f"from dataclasses import dataclass\n{text}def build(context):\n    return context\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert set(parameters(find("navigator", f"{module}:build"))) == known
+
+
 def test_ours_without_parameters_take_none(context: Context) -> None:
     with pytest.raises(ParameterError, match="estimator 'truth' has no parameter 'x'; it has: none"):
         build("estimator", "truth", replace(context, parameters={"x": 1}))

@@ -61,7 +61,7 @@ def test_the_wheel_says_what_pyproject_says(wheel: Path) -> None:
     assert metadata["License-Expression"] == project["license"]
     needed = {canonicalize_name(Requirement(line).name) for line in metadata.get_all("Requires-Dist", []) if "extra" not in line}
     assert needed == {canonicalize_name(Requirement(line).name) for line in project["dependencies"]}
-    assert re.search(r"^robocar\s*=\s*robocar\.cli\.main:main$", scripts, re.MULTILINE)
+    assert re.search(r"^robocar\s*=\s*robocar\.cli:main$", scripts, re.MULTILINE)
 
 
 @pytest.mark.parametrize("name", ["robocar", *(f"robocar.{folder}" for folder in LINKED)])
@@ -84,6 +84,16 @@ def test_the_sdist_holds_each_folder_once_and_makes_the_same_wheel(wheel: Path, 
     assert not {path for path in held if path.parts[0] == "robocar" and path.parts[1] in LINKED}
     with zipfile.ZipFile(wheel) as first, zipfile.ZipFile(again) as second:
         assert sorted(first.namelist()) == sorted(second.namelist())
+    # Without links `robocar` finds the folders beside itself, so the sdist's tests run where it was unpacked.
+    with tarfile.open(sdist) as archive:
+        archive.extractall(tmp_path, filter="data")
+    (unpacked,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    words = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/planners/geometry", "tests/test_migration.py"]
+    done = subprocess.run(words, cwd=unpacked, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    script = "import robocar.planners, robocar.benchmarks; print(robocar.planners.__file__, robocar.benchmarks.__file__)"
+    done = subprocess.run([sys.executable, "-c", script], cwd=unpacked, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == [str(unpacked / folder / "__init__.py") for folder in ("planners", "benchmarks")]
 
 
 def test_scenarios_are_listed_from_another_folder(installed: Path, tmp_path: Path) -> None:

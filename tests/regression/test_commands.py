@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from robocar.cli.main import main
+from robocar.cli import main
 from tests.regression.rows import row, write_run
 
 

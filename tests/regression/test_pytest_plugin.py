@@ -1,6 +1,6 @@
 """The plugin in sessions of its own, as its users meet it. Oracle: pytest's own outcome and words; the files that it leaves.
 
-That it works from an installed wheel alone, with the example of a planner in its own repository, is `tests/test_packaging.py`'s.
+That it works from an installed wheel alone, with the example of a planner in its own repository, `tests/packaging` shows.
 """
 
 from __future__ import annotations
