@@ -235,6 +235,24 @@ def test_libraries_stay_in_their_places(name: str) -> None:
     assert not wrong, f"{name} must not import {sorted(wrong)}"
 
 
+def test_compiled_functions_sort_by_quicksort_or_order_by_mergesort() -> None:
+    """Numba calls its quicksort of values and that of indices by one name, told apart only by a counter of the process that
+    compiled them. Cached by two processes with the same count, one is run in place of the other: a crash, or a wrong order.
+    """
+    wrong, orders = [], 0
+    for name, path in MODULES.items():
+        for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(function, ast.FunctionDef) or not any("njit" in ast.unparse(d) for d in function.decorator_list):
+                continue
+            for call in (node for node in ast.walk(function) if isinstance(node, ast.Call)):
+                if isinstance(call.func, ast.Attribute) and call.func.attr == "argsort":
+                    orders += 1
+                    if not any(word.arg == "kind" and ast.unparse(word.value) == "'mergesort'" for word in call.keywords):
+                        wrong.append(f"{name}.{function.name}")
+    assert orders > 0
+    assert wrong == []
+
+
 def test_a_class_name_says_which() -> None:
     """No two public classes of ours have the same name, and none is called only `Parameters`."""
     found: dict[str, list[str]] = {}

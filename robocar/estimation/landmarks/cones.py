@@ -90,7 +90,7 @@ def fit(units: Array, tolerance: float) -> tuple[Array, float, NDArray[np.bool_]
     middle = np.zeros(3)
     for i in range(n):
         middle += units[i]
-    order = np.argsort(around(middle, units))
+    order = np.argsort(around(middle, units), kind="mergesort")  # Numba's quicksort: see tests/test_architecture.py
     axis, half_angle, most = middle, 0.0, 0
     near = np.zeros(n, dtype=np.bool_)
     for share in _SHARES:
