@@ -7,18 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from robocar.core import (
-    STOP,
-    Belief,
-    Command,
-    GiveUp,
-    Goal,
-    Hold,
-    LocalPlanner,
-    Mapper,
-    Observation,
-    Serial,
-)
+from robocar.core import STOP, Belief, Command, GiveUp, Goal, Hold, LocalPlanner, Mapper, Observation, Serial
 from robocar.planners.costmap import layered as layered
 
 

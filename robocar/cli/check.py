@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import tyro
 
-from robocar.cli.output import Flag, fail, put
+from robocar.cli.output import Flag, complain, fail, put
 
 
 def check_files(files: tyro.conf.Positional[tuple[Path, ...]], /, resolution: float | None = None, debug: Flag = False) -> int:
@@ -31,7 +30,7 @@ def check_files(files: tyro.conf.Positional[tuple[Path, ...]], /, resolution: fl
             if debug:
                 raise
             bad += 1
-            sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
+            complain(str(error))
     return 2 if bad else 0
 
 

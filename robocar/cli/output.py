@@ -11,9 +11,14 @@ import tyro
 Flag = tyro.conf.FlagCreatePairsOff[bool]
 
 
+def complain(message: str) -> None:
+    """Bad input: one line on stderr."""
+    sys.stderr.write(f"error: {' '.join(message.split())}\n")
+
+
 def fail(message: str) -> NoReturn:
     """Bad input: one line, and status 2."""
-    sys.stderr.write(f"error: {' '.join(message.split())}\n")
+    complain(message)
     sys.exit(2)
 
 

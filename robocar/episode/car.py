@@ -4,13 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from robocar.core import (
-    SE2,
-    Array,
-    Belief,
-    Command,
-    Observation,
-)
+from robocar.core import SE2, Array, Belief, Command, Observation
 from robocar.core.truth import GroundTruth
 
 

@@ -6,17 +6,7 @@ import math
 from collections.abc import Mapping
 from numbers import Real
 
-from robocar.core import (
-    SE2,
-    Belief,
-    Command,
-    Done,
-    Drive,
-    GiveUp,
-    Hold,
-    Scalar,
-    Serial,
-)
+from robocar.core import SE2, Belief, Command, Done, Drive, GiveUp, Hold, Scalar, Serial
 from robocar.core.trace import Drawable
 
 

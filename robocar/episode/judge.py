@@ -5,19 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from robocar.core import (
-    SE2,
-    Belief,
-    Command,
-    Done,
-    Drive,
-    GiveUp,
-    Goal,
-    Scalar,
-    Serial,
-    Twist,
-    wrap_angle,
-)
+from robocar.core import SE2, Belief, Command, Done, Drive, GiveUp, Goal, Scalar, Serial, Twist, wrap_angle
 from robocar.core.truth import GroundTruth
 from robocar.episode.car import Car
 

@@ -1,4 +1,4 @@
-"""The loop: sense, estimate, map, decide, act; and what ends it.
+"""The loop: sense, estimate, map, decide, act.
 
 Ground truth reaches the recorder and the judge only.
 """
@@ -8,15 +8,7 @@ from __future__ import annotations
 import time as wall
 import traceback
 
-from robocar.core import (
-    STOP,
-    Command,
-    Estimator,
-    Goal,
-    Mapper,
-    Navigator,
-    OutputError,
-)
+from robocar.core import STOP, Command, Estimator, Goal, Mapper, Navigator, OutputError
 from robocar.episode.car import Car, DeadReckoning
 from robocar.episode.checked import checked, checked_belief
 from robocar.episode.interrupt import Interrupt

@@ -1,4 +1,4 @@
-"""Finds and runs the scripts in `experiments/`, and writes what they find out."""
+"""What an experiment found, written as numbers and as a page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the command line shows: progress, tables, lists, the viewer."""
+"""What a terminal shows: messages, tables, progress."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Any map file as a scenario, and checks of files of any kind."""
+"""Any map file as a scenario."""
 
 from __future__ import annotations
 
