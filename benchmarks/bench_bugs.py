@@ -13,13 +13,13 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from robocar.core import SE2, Array, Belief, Context, Goal, Observation, RangeSensor, Robot, Scan
+from robocar.core import SE2, Array, Belief, Context, Goal, Observation, RangeSensor, Robot, Scan, State
 from robocar.episode.registry import build
 from robocar.planners.bugs.ocpb.strategy import OperativeCriticalPointBug
 from robocar.planners.bugs.open_points import find_open_points
 from robocar.planners.bugs.view import BugView
 from robocar.planners.tracking.panorama import Surround
-from robocar.sim.car import LIMITS, footprint, load_calibration
+from robocar.sim.robot_model import RobotModel
 
 BEAMS, MAX_RANGE, OBSTACLES, RADIUS = 360, 6.0, 20, 0.12
 BUGS = ("ocpb", "bug1", "bug2", "dist-bug", "tangent-bug", "point-bug", "critical-point-bug")
@@ -29,7 +29,8 @@ GOAL = Goal(np.array([20.0, 0.3]))
 def laser() -> Robot:
     bearings = np.linspace(-math.pi, math.pi, BEAMS, endpoint=False)
     lidar = RangeSensor("scan360", SE2(), bearings, 0.0, 0.06, MAX_RANGE, 0.1)
-    return Robot(footprint(), LIMITS, load_calibration(), 200, lidar=lidar)
+    model = RobotModel.load()
+    return Robot(model.footprint, model.limits, model.calibration(), model.drive.pulses_per_turn, lidar=lidar)
 
 
 def scan(time: float, moving: bool, rng: np.random.Generator) -> Scan:
@@ -54,7 +55,7 @@ def time_steps(name: str, moving: bool, rounds: int = 5, scans: int = 60) -> dic
     followed = 0
     for r in range(rounds):
         navigator = build("navigator", name, Context(robot, None, SE2(), (), {}, np.random.default_rng(0), 0.05))
-        bug = navigator.local_planner
+        bug = navigator.controller
         step = bug.strategy.step
 
         def timed(view: BugView, r: int = r, step=step) -> object:
@@ -69,7 +70,7 @@ def time_steps(name: str, moving: bool, rounds: int = 5, scans: int = 60) -> dic
                 bug.strategy.leg = None  # each scan is decided upon
                 bug.strategy._lookout._looks = 1
             start = perf_counter()
-            navigator.command(Belief(SE2()), None, observation, GOAL)
+            navigator.command(State.of(Belief(SE2())), observation, GOAL)
             whole[r, k] = perf_counter() - start
         if isinstance(bug.strategy, OperativeCriticalPointBug):
             followed = len(bug.strategy.obstacles.tracked)

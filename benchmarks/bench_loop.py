@@ -15,7 +15,7 @@ from pathlib import Path
 import mujoco
 
 import robocar
-from robocar.sim import simulation
+from robocar.sim import world
 
 SCENARIO = "corridors"
 CASES = {
@@ -56,14 +56,14 @@ class _Stopwatch:
 def measure(case: dict, out: Path | None) -> tuple[float, float, float, float]:
     """One run: simulated seconds, ticks, wall time of the loop, of which in `mj_step` [s]."""
     watch = _Stopwatch()
-    simulation.mujoco = watch
+    world.mujoco = watch
     try:
         settings = {"time_limit": SECONDS, **case["settings"]}
         result = robocar.run(
             SCENARIO, navigator=case["navigator"], estimator=case["estimator"], settings=settings, out=out, force=True
         )
     finally:
-        simulation.mujoco = mujoco
+        world.mujoco = mujoco
     duration, loop = result.value("duration"), result.value("wall_time")
     assert duration is not None and loop is not None
     return duration, len(result.truth.times), loop, watch.total

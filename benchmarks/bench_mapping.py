@@ -112,10 +112,9 @@ def main(repeats: int = 300) -> None:
     (observation,) = load_lidar_csv(file).observations
     assert observation.lidar is not None
     scan = observation.lidar
-    fine = OccupancyMapper(True, False, parameters=MappingParameters(resolution=0.02))
 
     def ours() -> None:
-        fine.reset(np.random.default_rng(0))
+        fine = OccupancyMapper(True, False, parameters=MappingParameters(resolution=0.02))
         fine.update(Belief(SE2()), observation)
         fine.grid()
 

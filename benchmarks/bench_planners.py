@@ -32,6 +32,7 @@ from robocar.core import (
     OccupancyGrid,
     Robot,
     Scan,
+    State,
 )
 from robocar.core.rays import cast_rays
 from robocar.formats.generated import cave, maze, rooms
@@ -215,7 +216,8 @@ def replanning(console: Console, worlds: dict[str, OccupancyGrid], count: int) -
                 if repaired.cost <= 2.0 * path.cost:
                     searching = shortest({"a": lambda s=start, g=goal, m=after: a_star.plan(m, s, g)})["a"]
                     times.append([repair, searching, repair / searching])
-                    work.append([repaired.expanded, scratch.expanded, repaired.expanded / scratch.expanded])
+                    mine, theirs = (plan.work["expansions"] for plan in (repaired, scratch))
+                    work.append([mine, theirs, mine / theirs])
             if not times:
                 continue
             t, w = np.median(times, axis=0), np.median(work, axis=0)
@@ -283,7 +285,7 @@ def following(console: Console) -> None:
         lidar = Scan(tick * PERIOD, cast_rays(world, world.occupied, pose.position, pose.theta + fan, 5.6), fan, 5.6)
         seen, view = Observation(tick * PERIOD, sonars=tuple(sonars)), Observation(tick * PERIOD, lidar=lidar)
         begin = perf_counter()
-        command = navigator.command(Belief(pose), None, seen, target)  # type: ignore[arg-type]
+        command = navigator.command(State.of(Belief(pose)), seen, target)
         end = perf_counter()
         if tick > 0:  # the first tick plans
             ticks.append(end - begin)
@@ -295,7 +297,7 @@ def following(console: Console) -> None:
         other = PurePursuit.__new__(PurePursuit)
         other.__dict__.update(pursuit.__dict__)
         begin = perf_counter()
-        other.command(Belief(pose), path, current, seen, target)
+        other.command(State.of(Belief(pose)), path, current, seen, target)
         commands.append(perf_counter() - begin)
         pose = pose @ command.twist.step(PERIOD)  # type: ignore[union-attr]
     rows = [

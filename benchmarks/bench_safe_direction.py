@@ -23,7 +23,9 @@ from robocar.experiments.safe_direction_figures import bare_car
 from robocar.planners.safe_direction.method import Directions, SafeDirectionParameters
 from robocar.planners.safe_direction.view import DirectionPanorama, Sector
 from robocar.planners.search.transforms import METRICS, distance_transform, obstacle_transform, path_transform
-from robocar.sim.car import footprint
+from robocar.sim.robot_model import RobotModel
+
+FOOTPRINT = RobotModel.load().footprint
 
 
 def median(function: Callable[[], Any], runs: int = 51) -> float:
@@ -60,7 +62,7 @@ def main() -> None:
     scan = Scan(0.0, cast_rays(grid, grid.occupied, pose.position, pose.theta + bearings, 6.0), bearings, 6.0)
     parameters = SafeDirectionParameters()
     sector = Sector(math.tau, 3.0)
-    method, panorama = Directions(bare_car(footprint()), sector, parameters), DirectionPanorama(sector, 0.05, 0.12)
+    method, panorama = Directions(bare_car(FOOTPRINT), sector, parameters), DirectionPanorama(sector, 0.05, 0.12)
     goals = {"goal in sight": (5.4, 4.9), "goal far off": (8.3, 6.2), "goal behind": (0.6, 0.7)}
 
     def decide(goal: tuple[float, float]) -> None:

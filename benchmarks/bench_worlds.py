@@ -22,10 +22,12 @@ from rich.table import Table
 
 from robocar.core import SE2, OccupancyGrid
 from robocar.formats.generated import cave, maze, rooms
-from robocar.sim.car import PREFIX, FitOut, car_spec
 from robocar.sim.cover import cover
-from robocar.sim.world import FLOOR_BIT, SENSED_GROUP, SOLID_BIT, build_world
+from robocar.sim.fit_out import FitOut
+from robocar.sim.robot_model import RobotModel
+from robocar.sim.world_spec import FLOOR_BIT, SENSED_GROUP, SOLID_BIT, build_world
 
+PREFIX = "robocar/"
 ROUNDS, STEPS = 60, 100
 LASER = 360, 6.0  # beams, range [m]
 
@@ -40,7 +42,7 @@ def roomiest(grid: OccupancyGrid) -> SE2:
 def with_car(world: mujoco.MjSpec, pose: SE2) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """The world with a car that turns on the spot, so that it touches nothing but the floor."""
     frame = world.worldbody.add_frame(pos=[pose.x, pose.y, 0.0])
-    world.attach(car_spec(FitOut(camera=True)), prefix=PREFIX, frame=frame)
+    world.attach(RobotModel.load().spec(FitOut(camera=True)), prefix=PREFIX, frame=frame)
     model = world.compile()
     data = mujoco.MjData(model)
     for side, volts in (("left", -4.0), ("right", 4.0)):

@@ -19,11 +19,11 @@ from robocar.planners.bugs.open_points import VirtualCircle
 from robocar.planners.bugs.view import BugParameters
 from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
-from robocar.sim.car import footprint
+from robocar.sim.robot_model import RobotModel
 
 BUGS = ("ocpb", "tangent-bug", "dist-bug", "bug2", "bug1", "critical-point-bug", "point-bug")
 ROBOT = {"robot.lidar": "scan360", "robot.sonars": "none"}
-CIRCLE = VirtualCircle.of(footprint(), BugParameters().safety_constant)
+CIRCLE = VirtualCircle.of(RobotModel.load().footprint, BugParameters().safety_constant)
 SHIPPED = {
     "boxes": "cluttered",
     "U": "u-trap",
@@ -79,7 +79,7 @@ def worlds(folder: Path) -> dict[str, Mapping[str, Any] | str]:
 
 def scene_of(scenario: Mapping[str, Any] | str) -> Scene:
     """The scene of a world, for pictures."""
-    return Scene.load(load_scenario(scenario), footprint())
+    return Scene.load(load_scenario(scenario), RobotModel.load().footprint)
 
 
 def turns(result: RunResult) -> int:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time as wall
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -26,16 +26,18 @@ from robocar.core import (
     Observation,
     OccupancyGrid,
     Robot,
+    State,
 )
 from robocar.core.randomness import stream
-from robocar.core.trace import Scalar
 from robocar.episode.registry import build
 from robocar.episode.run import simulate
 from robocar.estimation.landmarks.balls import BallDetector
-from robocar.estimation.mapping.no_mapper import NoMapper
+from robocar.estimation.landmarks.particle_filter import ParticleFilterEstimator
 from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
-from robocar.sim.car import footprint
+from robocar.sim.robot_model import RobotModel
+
+FOOTPRINT = RobotModel.load().footprint
 
 SCENARIO = "thesis-localization"
 WAY_POINTS = {"A": (0.6, 0.6), "B": (2.9, 0.6), "C": (2.9, 2.2), "D": (0.6, 2.2)}
@@ -69,35 +71,38 @@ class Tour:
 def drive(seed: int, kidnap: float | None = None, duration: float = DURATION) -> Tour:
     """One car, from a start of its own; at time `kidnap` [s] it is put 2 m away, turned by 120 degrees."""
     rng = stream(seed, "experiment/tour")
-    scene = Scene.load(load_scenario(SCENARIO), footprint())
+    scene = Scene.load(load_scenario(SCENARIO), FOOTPRINT)
     start = _free_pose(scene, rng)
     settings = {"start": [start.x, start.y, start.theta], "robot.sonars": "none"}
-    simulation = simulate(SCENARIO, seed=seed, settings=settings)
+    world = simulate(SCENARIO, seed=seed, settings=settings)
     detector = BallDetector(scene.landmarks)
     names, points = list(WAY_POINTS), np.array(list(WAY_POINTS.values()))
     target = int(np.argmin(np.hypot(*(points - start.position).T)))
-    context = Context(simulation.robot, scene.prior, start, (), {"desired_linear_vel": SPEED}, rng, simulation.control_period)
+    parameters = {"controller": {"desired_linear_vel": SPEED}}
+    context = Context(world.robot.robot, scene.prior, start, (), parameters, rng, world.control_period)
     driver = build("navigator", "a-star", context)
     observations, truth, carried, passed = [], [], [], []
     moved = False
-    while simulation.time < duration - 1e-9:
-        sensed = simulation.sense()
+    while world.time < duration - 1e-9:
+        sensed = world.robot.sense()
         seen = detector.detect(sensed.image) if sensed.image is not None else ()
-        observations.append(replace(sensed, image=None, landmarks=seen))
-        pose = simulation.ground_truth().pose
+        observations.append(sensed.with_readings({"camera": None, "landmarks": seen}))
+        pose = world.ground_truth().pose
         truth.append((sensed.time, *pose.as_array()))
         carried.append(moved)
-        moved = kidnap is not None and abs(simulation.time - kidnap) < 1e-6
+        moved = kidnap is not None and abs(world.time - kidnap) < 1e-6
         if moved:
             pose = _carried(scene, pose, rng)
-            simulation.kidnap(pose)
-            driver.reset(rng)
+            world.robot.kidnap(pose)
+            driver = build("navigator", "a-star", context)
         if math.dist(points[target], (pose.x, pose.y)) < 0.10:
             passed.append((names[target], len(truth) - 1))
             target = (target + 1) % len(names)
         driver_sees = Observation(sensed.time)  # the map is all that it needs
-        simulation.act(driver.command(Belief(pose), NoMapper(), driver_sees, Goal(points[target], xy_goal_tolerance=0.05)))
-    simulation.close()
+        goal = Goal(points[target], xy_goal_tolerance=0.05)
+        world.robot.act(driver.command(State.of(Belief(pose)), driver_sees, goal))
+        world.step()
+    world.close()
     table = np.array(truth)
     return Tour(
         seed,
@@ -106,17 +111,17 @@ def drive(seed: int, kidnap: float | None = None, duration: float = DURATION) ->
         table[:, 1:],
         np.array(carried),
         tuple(passed),
-        simulation.robot,
+        world.robot.robot,
         scene.prior,
         scene.landmarks,
-        simulation.control_period,
+        world.control_period,
     )
 
 
 def _free_pose(scene: Scene, rng: np.random.Generator) -> SE2:
     for _ in range(10_000):
         pose = SE2(*rng.uniform((0.3, 0.3, -math.pi), (FIELD[0] - 0.3, FIELD[1] - 0.3, math.pi)))
-        if scene.clearance(footprint().at(pose)) > 0.15:
+        if scene.clearance(FOOTPRINT.at(pose)) > 0.15:
             return pose
     raise RuntimeError("the field has no room for the car")
 
@@ -126,7 +131,7 @@ def _carried(scene: Scene, pose: SE2, rng: np.random.Generator) -> SE2:
     for _ in range(10_000):
         direction, side = rng.uniform(-math.pi, math.pi), rng.choice((-1.0, 1.0))
         there = SE2(pose.x + 2 * math.cos(direction), pose.y + 2 * math.sin(direction), pose.theta + side * math.radians(120.0))
-        if 0.3 < there.x < FIELD[0] - 0.3 and 0.3 < there.y < FIELD[1] - 0.3 and scene.clearance(footprint().at(there)) > 0.1:
+        if 0.3 < there.x < FIELD[0] - 0.3 and 0.3 < there.y < FIELD[1] - 0.3 and scene.clearance(FOOTPRINT.at(there)) > 0.1:
             return there
     raise RuntimeError("there is no room 2 m away")
 
@@ -160,7 +165,7 @@ def listen(
     """An estimator over a tour.
 
     Args:
-        seen: what the camera found, or the thesis' simulation: distances to all landmarks, ten times a second.
+        seen: what the camera found, or the thesis' world: distances to all landmarks, ten times a second.
         start_known: whether it is told where the car starts.
     """
     start = SE2(*tour.truth[0]) if start_known else None
@@ -177,8 +182,8 @@ def listen(
         count += bool(observation.landmarks)
         estimate.append(belief.pose.as_array())
         covariances.append(belief.covariance)
-        share = belief.trace.get("localization/lost")
-        lost.append(share.value if isinstance(share, Scalar) else math.nan)
+        filtered = isinstance(listener, ParticleFilterEstimator) and observation.landmarks
+        lost.append(listener.filter.lost_share if filtered else math.nan)
         updates.append(count)
     return Heard(tour, np.array(estimate), np.array(covariances), np.array(lost), np.array(updates), spent)
 
@@ -193,5 +198,5 @@ def _with_ranges(tour: Tour) -> list[Observation]:
         for mark in tour.landmarks if k % 2 == 0 else ():
             distance = math.dist(mark.position[:2], (pose.x, pose.y)) + RANGE_STD * rng.standard_normal()
             found.append(Detection(observation.time, mark.name, 0.0, max(0.01, distance), covariance))
-        changed.append(replace(observation, landmarks=tuple(found)))
+        changed.append(observation.with_readings({"landmarks": tuple(found)}))
     return changed

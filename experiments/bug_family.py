@@ -22,7 +22,7 @@ from robocar.experiments._bug_worlds import BUGS, ROBOT, draw, scene_of, turns, 
 from robocar.metrics.run import shortest_path_length
 from robocar.reporting.report import Report
 from robocar.reporting.run_many import run_many
-from robocar.sim.car import footprint
+from robocar.sim.robot_model import RobotModel
 
 SEEDS = 10
 TIME_LIMIT = (60.0, 25.0, 400.0)  # [s], [s] more for each metre of the shortest way, [s] at most
@@ -33,7 +33,7 @@ def time_limit(world: Mapping[str, Any] | str) -> float:
     """Of a run in this world [s]: about ten times what the shortest way takes, stops and turns with it."""
     scene = scene_of(world)
     assert scene.goal is not None
-    shortest = shortest_path_length(scene.true_grid, footprint(), scene.start, scene.goal, scene.only_discs)
+    shortest = shortest_path_length(scene.true_grid, RobotModel.load().footprint, scene.start, scene.goal, scene.only_discs)
     if shortest is None:  # start or goal lie outside the grid
         shortest = math.dist(scene.start.position, scene.goal.position)
     base, slope, most = TIME_LIMIT

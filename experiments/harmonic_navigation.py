@@ -31,7 +31,9 @@ from robocar.reporting.report import Report
 from robocar.reporting.run_many import run_many
 from robocar.scenario.load import load_scenario, scenario_names
 from robocar.scenario.scene import Scene
-from robocar.sim.car import footprint
+from robocar.sim.robot_model import RobotModel
+
+FOOTPRINT = RobotModel.load().footprint
 
 NAVIGATORS = {"harmonic": "tab:green", "harmonic-local": "tab:purple", "a-star": "tab:blue", "safe-direction": "tab:red"}
 STYLES = {"harmonic-local": "--", "safe-direction": ":"}
@@ -80,7 +82,7 @@ def on_finer_cells(costmap: Costmap, start: Array, goal: Array, times: int) -> A
 def main(out: Path, quick: bool = False) -> None:
     """Runs, tables and the pictures of the ways driven."""
     seeds = range(2 if quick else 20)
-    scenes = {name: Scene.load(load_scenario(name), footprint()) for name in (QUICK if quick else scenario_names())}
+    scenes = {name: Scene.load(load_scenario(name), FOOTPRINT) for name in (QUICK if quick else scenario_names())}
     scenes = {name: scene for name, scene in scenes.items() if scene.goal is not None}
     cases = [(scenario, navigator) for scenario in scenes for navigator in NAVIGATORS]
     jobs = [
@@ -134,7 +136,7 @@ def _plans(report: Report, scenes: dict[str, Scene]) -> None:
         if scene.prior is None:
             continue
         assert scene.goal is not None
-        costmap = inflate(scene.prior, footprint().inscribed_radius, CostmapParameters())
+        costmap = inflate(scene.prior, FOOTPRINT.inscribed_radius, CostmapParameters())
         row: dict[str, tuple[float, float, float]] = {}
         for planner, make in PLANNERS.items():
             points = make().plan(costmap, scene.start.position, scene.goal.position).path.points

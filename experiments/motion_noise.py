@@ -19,9 +19,10 @@ from robocar.core.randomness import stream
 from robocar.estimation.odometry.motion_models import MotionParameters
 from robocar.estimation.odometry.odometry import WheelOdometry
 from robocar.reporting.report import Report
-from robocar.sim.car import FitOut
-from robocar.sim.simulation import Simulation
-from robocar.sim.world import build_world
+from robocar.sim.fit_out import FitOut
+from robocar.sim.robot_handle import RobotSetup
+from robocar.sim.world import World
+from robocar.sim.world_spec import build_world
 
 DURATION, WINDOW = 60.0, 3.0  # [s]; the filter sees a landmark about as often
 
@@ -29,23 +30,24 @@ DURATION, WINDOW = 60.0, 3.0  # [s]; the filter sees a landmark about as often
 def drive(seed: int) -> tuple[Array, Array]:
     """True and reckoned poses (n, 3) of one car at the ticks."""
     floor = OccupancyGrid(np.zeros((400, 400), dtype=np.int8), 0.1, SE2(-20.0, -20.0))
-    simulation = Simulation(build_world(floor, border="open"), start=SE2(), seed=seed, fit_out=FitOut(sonars="none"))
+    world = World(build_world(floor, border="open"), [RobotSetup(SE2(), fit_out=FitOut(sonars="none"))], seed=seed)
     rng = stream(seed, "experiment/motion_noise")
-    odometry = WheelOdometry(simulation.robot.calibration, SE2())
+    odometry = WheelOdometry(world.robot.robot.calibration, SE2())
     truth, reckoned = [], []
     until, twist = 0.0, Twist()
-    while simulation.time < DURATION:
-        if simulation.time >= until:
-            until = simulation.time + rng.uniform(1.0, 4.0)
+    while world.time < DURATION:
+        if world.time >= until:
+            until = world.time + rng.uniform(1.0, 4.0)
             spin = rng.random() < 0.4
             twist = Twist(0.0 if spin else rng.uniform(0.1, 0.35), rng.uniform(-1.4, 1.4) if spin else rng.normal(0.0, 0.5))
-        reading = simulation.sense().wheel_angles
+        reading = world.robot.sense().wheel_angles
         assert reading is not None
         odometry.update(reading.time, reading.value)
-        truth.append(simulation.ground_truth().pose.as_array())
+        truth.append(world.ground_truth().pose.as_array())
         reckoned.append(odometry.pose.as_array())
-        simulation.act(Drive(twist))
-    simulation.close()
+        world.robot.act(Drive(twist))
+        world.step()
+    world.close()
     return np.array(truth), np.array(reckoned)
 
 

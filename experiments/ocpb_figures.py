@@ -19,12 +19,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from robocar.core import SE2, STOP, Array, Belief, Command, Context, Done, GiveUp, Goal, OccupancyGrid
+from robocar.core import SE2, STOP, Array, Belief, Command, Context, Done, GiveUp, Goal, OccupancyGrid, State
 from robocar.core.randomness import stream
 from robocar.core.rays import cast_rays
 from robocar.episode.registry import build
 from robocar.episode.run import simulate
-from robocar.estimation.mapping.no_mapper import NoMapper
 from robocar.experiments._bug_worlds import CIRCLE, ROBOT, circle, draw, grid, room, scene_of
 from robocar.planners.bugs.ocpb.strategy import OperativeCriticalPointBug
 from robocar.planners.bugs.open_points import OpenPoint, find_open_points
@@ -151,17 +150,17 @@ def _look(world: OccupancyGrid, pose: SE2) -> ScanPanorama:
 
 def _drive(scenario: dict[str, Any], seed: int = 0) -> tuple[list[Frame], str, float, float]:
     """A run on the true pose: frames, how it ended, the least clearance and the length of the way [m]."""
-    car = simulate(scenario, seed=seed, settings=ROBOT)
-    context = Context(car.robot, None, None, (), {}, stream(seed, "navigator/ocpb"), car.control_period)
+    world = simulate(scenario, seed=seed, settings=ROBOT)
+    context = Context(world.robot.robot, None, None, (), {}, stream(seed, "navigator/ocpb"), world.control_period)
     navigator = build("navigator", "ocpb", context)
-    strategy = navigator.local_planner.strategy
+    strategy = navigator.controller.strategy
     assert isinstance(strategy, OperativeCriticalPointBug)
     goal, frames, status, least = Goal(np.array(scenario["goal"])), [], "timeout", math.inf
     command: Command = STOP
-    while car.time < scenario["time_limit"]:
-        observation, truth = car.sense(), car.ground_truth()
+    while world.time < scenario["time_limit"]:
+        observation, truth = world.robot.sense(), world.ground_truth()
         least = min(least, truth.clearance)
-        command = navigator.command(Belief(truth.pose), NoMapper(), observation, goal)
+        command = navigator.command(State.of(Belief(truth.pose)), observation, goal)
         frames.append(
             Frame(
                 truth.time,
@@ -175,8 +174,9 @@ def _drive(scenario: dict[str, Any], seed: int = 0) -> tuple[list[Frame], str, f
         if truth.contact or goal.reached(truth.pose) or isinstance(command, GiveUp | Done):
             status = "contact" if truth.contact else "reached" if goal.reached(truth.pose) else "given up"
             break
-        car.act(command)
-    car.close()
+        world.robot.act(command)
+        world.step()
+    world.close()
     way = np.array([frame.pose.position for frame in frames])
     return frames, status, least, float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
 

@@ -17,7 +17,7 @@ A full run writes `models/robots/robocar/calibration.yaml`, which the firmware a
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib
@@ -32,11 +32,11 @@ from robocar.core.robot import Calibration
 from robocar.estimation.odometry.odometry import WheelOdometry
 from robocar.paths import MODELS
 from robocar.reporting.report import Report
-from robocar.sim.car import FitOut, geometric_track
-from robocar.sim.sensors.camera import CameraParameters
-from robocar.sim.sensors.parameters import SensorParameters
-from robocar.sim.simulation import Simulation
-from robocar.sim.world import build_world
+from robocar.sim.fit_out import FitOut
+from robocar.sim.robot_handle import RobotSetup
+from robocar.sim.robot_model import RobotModel
+from robocar.sim.world import World
+from robocar.sim.world_spec import build_world
 
 NOMINAL_RADIUS = 0.042  # [m] thesis, section 3.5
 SPEEDS = (0.15, 0.25, 0.35)  # [m/s] of straights
@@ -45,33 +45,35 @@ SPIN = 100.0  # [1/m] the table's entry for turning on the spot
 SPIN_RATES = (0.5, 1.0, 1.4)  # [rad/s]
 
 
-def car(seed: int, camera: bool) -> Simulation:
+def car(seed: int, camera: bool) -> World:
     """A car on an open floor, with or without the camera's head; its pictures are not looked at."""
     floor = OccupancyGrid(np.zeros((20, 20), dtype=np.int8), 0.5, SE2(-5.0, -5.0))
-    blind = replace(SensorParameters(), camera=replace(CameraParameters(), period=1e6))
-    return Simulation(build_world(floor, border="open"), start=SE2(), seed=seed, fit_out=FitOut(camera=camera), sensors=blind)
+    setup = RobotSetup(SE2(), fit_out=FitOut(camera=camera), sensors={"camera": {"period": 1e6}})
+    return World(build_world(floor, border="open"), [setup], seed=seed)
 
 
-def drive(simulation: Simulation, twist: Twist, seconds: float) -> tuple[float, float, float, float]:
+def drive(world: World, twist: Twist, seconds: float) -> tuple[float, float, float, float]:
     """Keeps a twist after a second of settling; way [m], turn [rad], and the angles of the left and right wheels [rad]."""
-    period = simulation.control_period
+    period = world.control_period
     for _ in range(round(1.0 / period)):
-        simulation.sense()
-        simulation.act(Drive(twist))
+        world.robot.sense()
+        world.robot.act(Drive(twist))
+        world.step()
     way = turn = 0.0
-    pose, first = simulation.ground_truth().pose, _wheels(simulation)
+    pose, first = world.ground_truth().pose, _wheels(world)
     for _ in range(round(seconds / period)):
-        simulation.act(Drive(twist))
-        following = simulation.ground_truth().pose
+        world.robot.act(Drive(twist))
+        world.step()
+        following = world.ground_truth().pose
         way += pose.distance_to(following)
         turn += wrap_angle(following.theta - pose.theta)
         pose = following
-    last = _wheels(simulation)
+    last = _wheels(world)
     return way, turn, last[0] - first[0], last[1] - first[1]
 
 
-def _wheels(simulation: Simulation) -> tuple[float, float]:
-    reading = simulation.sense().wheel_angles
+def _wheels(world: World) -> tuple[float, float]:
+    reading = world.robot.sense().wheel_angles
     assert reading is not None
     return reading.value.left, reading.value.right
 
@@ -104,20 +106,21 @@ def effective_track(radius: float, curvature: float, seeds: range, camera: bool 
 
 def square(seed: int, clockwise: bool, calibrations: list[Calibration], camera: bool = False) -> list[tuple[float, float]]:
     """Drives a square of 1.5 m by serial commands; end point that each calibration's odometry sees minus the true one [m]."""
-    simulation = car(seed, camera)
+    world = car(seed, camera)
     odometries = [WheelOdometry(calibration, SE2()) for calibration in calibrations]
     for line in (["M5", "Kn90"] if clockwise else ["M5", "Kr90"]) * 4:
         command = Serial(line)
         while True:
-            observation = simulation.sense()
+            observation = world.robot.sense()
             assert observation.wheel_angles is not None
             for odometry in odometries:
                 odometry.update(observation.time, observation.wheel_angles.value)
             if observation.serial and observation.serial[-1] == "DONE":
                 break
-            simulation.act(command)
+            world.robot.act(command)
+            world.step()
             command = Hold()
-    true = simulation.ground_truth().pose
+    true = world.ground_truth().pose
     return [(odometry.pose.x - true.x, odometry.pose.y - true.y) for odometry in odometries]
 
 
@@ -151,7 +154,7 @@ def identify(camera: bool, quick: bool) -> Identified:
     tracks = [effective_track(float(radii.mean()), curvature, seeds, camera) for curvature in curvatures]
     means = np.array([round(float(t.mean()), 5) for t in tracks])
     calibration = Calibration(round(float(radii.mean()), 6), np.array(curvatures), means)
-    nominal = Calibration(NOMINAL_RADIUS, np.array([0.0, SPIN]), np.full(2, geometric_track()))
+    nominal = Calibration(NOMINAL_RADIUS, np.array([0.0, SPIN]), np.full(2, RobotModel.load().geometric_track))
     test_seeds = range(2000, 2002 if quick else 2005)
     ends = np.array([[square(seed, cw, [nominal, calibration], camera) for seed in test_seeds] for cw in (True, False)])
     return Identified(radii, curvatures, tracks, ends, calibration)
@@ -161,7 +164,7 @@ def main(out: Path, quick: bool = False) -> None:
     """Identify, test, write."""
     report = Report(out, "Odometry calibration")
     found = {"without_camera": identify(False, quick), "with_camera": identify(True, quick)}
-    report.number("geometric_track", geometric_track(), "m")
+    report.number("geometric_track", RobotModel.load().geometric_track, "m")
     for fit_out, car_ in found.items():
         radius, radii = car_.calibration.wheel_radius, car_.radii
         tag = "" if fit_out == "without_camera" else "with_camera/"
@@ -180,7 +183,7 @@ def main(out: Path, quick: bool = False) -> None:
             ("omega / v [1/m]", "effective track [m]", "spread over cars [m]"),
             rows,
             f"The car {fit_out.replace('_', ' ')}: wheel radius {1000 * radius:.2f} mm (spread {1000 * radii.std(ddof=1):.3f} "
-            f"mm), geometric track {geometric_track():.3f} m.",
+            f"mm), geometric track {RobotModel.load().geometric_track:.3f} m.",
         )
         report.table(
             ("", "systematic error after a 1.5 m square [m]"),
@@ -199,7 +202,7 @@ def main(out: Path, quick: bool = False) -> None:
 def _picture(path: Path, curvatures: tuple[float, ...], tracks: list[Array], ends: Array) -> None:
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
     left.errorbar(curvatures, [t.mean() for t in tracks], [t.std() for t in tracks], marker="o", capsize=3)
-    left.axhline(geometric_track(), color="grey", linestyle="--", label="geometric track")
+    left.axhline(RobotModel.load().geometric_track, color="grey", linestyle="--", label="geometric track")
     left.set(xscale="log", xlabel="curvature ω/v [1/m] (100: on the spot)", ylabel="effective track [m]")
     left.legend()
     for k, (name, marker) in enumerate((("nominal", "x"), ("calibrated", "o"))):

@@ -26,12 +26,11 @@ from robocar.episode.result import RunResult
 from robocar.formats import save_ros_map
 from robocar.formats.generated import cave, maze, rooms
 from robocar.planners.search.a_star import AStar
-from robocar.recording import read_signal
 from robocar.reporting.report import Report
 from robocar.reporting.run_many import run_many
 from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
-from robocar.sim.car import footprint
+from robocar.sim.robot_model import RobotModel
 
 NAVIGATORS = {"dynamic-a-star": "tab:orange", "a-star": "tab:blue", "d-star-lite": "tab:green"}
 PARTLY_KNOWN = ("thesis-field", "office-plan", "warehouse")
@@ -115,11 +114,9 @@ def far_apart(grid: OccupancyGrid, rng: np.random.Generator) -> tuple[Array, Arr
 
 
 def plans_of(result: RunResult) -> Plans:
-    """What the recording of a run says of its plans."""
-    assert result.recording is not None
-    times, expanded = read_signal(result.recording, "signals/expanded")
-    ticks, planning = read_signal(result.recording, "signals/planning_time")
-    return Plans(expanded, planning[np.searchsorted(ticks, times)])
+    """What the run says of its plans."""
+    plans = [effort for effort in result.efforts if "expansions" in effort.work]
+    return Plans(np.array([plan.work["expansions"] for plan in plans], dtype=float), np.array([plan.seconds for plan in plans]))
 
 
 def main(out: Path, quick: bool = False) -> None:
@@ -217,7 +214,7 @@ def _paths(path: Path, worlds: Mapping[str, list[Any]], grouped: Mapping[tuple[s
     rows = -(-len(worlds) // columns)
     figure, axes = plt.subplots(rows, columns, figsize=(4.6 * columns, 4.2 * rows), layout="constrained", squeeze=False)
     for axis, (world, scenarios) in zip(axes.flat, worlds.items(), strict=False):
-        _draw_world(axis, Scene.load(load_scenario(scenarios[0]), footprint()))
+        _draw_world(axis, Scene.load(load_scenario(scenarios[0]), RobotModel.load().footprint))
         for navigator, color in NAVIGATORS.items():
             result = grouped[world, navigator][0]
             style = "-" if result.success else ":"

@@ -33,11 +33,12 @@ from robocar.reporting.report import Report
 from robocar.reporting.run_many import run_many
 from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
-from robocar.sim.car import footprint
+from robocar.sim.robot_model import RobotModel
 
 TABLE_1 = RrtParameters(variant="rrt", step=0.5, max_samples=10_000, adaptive_step=False, shortcuts=0)
 _AS_TABLE_1 = {
-    f"navigator.{name}": getattr(TABLE_1, name) for name in ("variant", "step", "max_samples", "adaptive_step", "shortcuts")
+    f"navigator.planner.{name}": getattr(TABLE_1, name)
+    for name in ("variant", "step", "max_samples", "adaptive_step", "shortcuts")
 }
 DRIVERS: dict[str, tuple[str, dict[str, Any]]] = {
     "RRT alone (pure pursuit)": ("rrt-pursuit", _AS_TABLE_1),
@@ -104,7 +105,7 @@ def main(out: Path = Path("runs/rrt_figures"), quick: bool = False) -> None:
     report = Report(out, "RRT alone, and with the Dynamic Window Approach")
     out.mkdir(parents=True, exist_ok=True)
     seeds = range(1 if quick else 20)
-    scene = Scene.load(load_scenario("warehouse"), footprint())
+    scene = Scene.load(load_scenario("warehouse"), RobotModel.load().footprint)
     grown = trees(report, scene, seeds)
     drivers = dict(list(DRIVERS.items())[:2]) if quick else DRIVERS
     cases = [(kind, driver) for kind in WORLDS for driver in drivers]
@@ -132,7 +133,7 @@ def trees(report: Report, scene: Scene, seeds: range) -> list[Growth]:
     """Fig. 10: RRT alone on the map, without obstacles that it does not show; returns the trees."""
     assert scene.goal is not None
     assert scene.prior is not None
-    costmap = inflate(scene.prior, footprint().inscribed_radius)
+    costmap = inflate(scene.prior, RobotModel.load().footprint.inscribed_radius)
     obstacles, r = costmap_world(costmap), costmap.resolution
     start, goal = costmap.grid_from_world([scene.start.position, scene.goal.position])
     rows, all_grown = [], []
@@ -209,7 +210,7 @@ def picture(path: Path, scene: Scene, grown: Growth, grouped: dict[tuple[str, st
     children = np.flatnonzero(grown.tree.parents >= 0)
     edges = np.stack([grown.tree.nodes[grown.tree.parents[children]], grown.tree.nodes[children]], axis=1)
     _walls(first, scene, solids=False)
-    scale = inflate(scene.prior, footprint().inscribed_radius).resolution if scene.prior is not None else r
+    scale = inflate(scene.prior, RobotModel.load().footprint.inscribed_radius).resolution if scene.prior is not None else r
     first.add_collection(LineCollection(list(costmap.origin.transform(edges * scale)), colors="tab:blue", lw=0.5))
     first.plot(*costmap.origin.transform(grown.path * scale).T, color="tab:red", lw=1.8)
     first.set_title(f"Fig. 10: RRT, {grown.samples} samples", fontsize=9)

@@ -30,7 +30,9 @@ from robocar.planners.safe_direction.view import DirectionPanorama, Sector
 from robocar.planners.search.transforms import descend, distance_transform, obstacle_transform
 from robocar.reporting.report import Report
 from robocar.reporting.run_many import run_many
-from robocar.sim.car import footprint
+from robocar.sim.robot_model import RobotModel
+
+FOOTPRINT = RobotModel.load().footprint
 
 ALPHAS = (0.0, 0.2, 0.4, 0.6, 0.8)
 RANGES = (1.0, 2.0, 3.0, 4.0, 5.0)
@@ -58,7 +60,7 @@ def histogram() -> tuple[Array, Array]:
     sector = Sector(math.pi, 3.0)
     panorama = DirectionPanorama(sector, parameters.resolution, 0.12)
     panorama.look(pose, Scan(0.0, ranges, bearings, 3.0), ())
-    method = Directions(bare_car(footprint()), sector, parameters)
+    method = Directions(bare_car(FOOTPRINT), sector, parameters)
     found = method.decide(method.readings(pose, panorama), pose.theta, np.array(world.goal)).fan
     return 90.0 + np.degrees(found.headings - pose.theta), found.totals
 
@@ -73,7 +75,7 @@ def transform_path(world: Drawn) -> Array:
     """The distance-transform path on the whole map, obstacles grown by the robot's size (n, 2) [m]: the paper's comparison."""
     grid = world.grid()
     goal, start = (tuple(int(i) for i in grid.cell_from_world(p[:2])) for p in (world.goal, world.start))
-    blocked = obstacle_transform(grid.occupied) * grid.resolution < footprint().circumscribed_radius + 0.5 * grid.resolution
+    blocked = obstacle_transform(grid.occupied) * grid.resolution < FOOTPRINT.circumscribed_radius + 0.5 * grid.resolution
     cells = descend(distance_transform(blocked, goal, "octile"), start)  # type: ignore[arg-type]
     return grid.world_from_cell(cells)
 
@@ -130,7 +132,7 @@ def _figures(report: Report, out: Path, cases: dict[tuple[str, str], range], sce
             "mean_clearance": _mean([r.value("mean_clearance") for r in reached]),
             "centre_clearance": _mean(ours),
             "centre_clearance_distance_transform": grazing,
-            "outline_clearance_distance_transform": outline_clearance(path, WORLDS[name].grid(), footprint()),
+            "outline_clearance_distance_transform": outline_clearance(path, WORLDS[name].grid(), FOOTPRINT),
         }
         if name == "corridor":
             values["middle_rms"] = _mean([float(np.sqrt(np.mean(middle_error(r.truth.poses[:, :2]) ** 2))) for r in reached])

@@ -26,7 +26,13 @@ from scipy.stats import chi2
 from robocar.core import Array, wrap_angles
 from robocar.episode.run import run
 from robocar.experiments._tours import FIELD, SCENARIO, WAY_POINTS, Heard, drive, listen
-from robocar.metrics.localization import after_convergence, convergence_time, summarize_localization
+from robocar.metrics.localization import (
+    after_convergence,
+    converged_heading_rmse,
+    converged_nees,
+    converged_position_rmse,
+    convergence_time,
+)
 from robocar.reporting.report import Report
 
 PARTICLES = (200, 400, 600)
@@ -107,10 +113,12 @@ def main(out: Path, quick: bool = False) -> None:
         runs = [one[case] for one in heard]
         of_field, of_coordinate = shares(np.concatenate([errors(run) for run in runs]))
         needed = [n for run in runs if (n := iterations(run)) is not None]
-        metrics = [summarize_localization(r.tour.times, r.tour.truth, r.estimate, r.covariances) for r in runs]
+        judged = [((run.tour.times, run.tour.truth, run.estimate), run.covariances) for run in runs]
         values = {
-            name: [m[f"localization/{name}"]["value"] for m in metrics]
-            for name in ("position_rmse", "heading_rmse", "convergence_time", "nees")
+            "position_rmse": [converged_position_rmse(*poses) for poses, _ in judged],
+            "heading_rmse": [converged_heading_rmse(*poses) for poses, _ in judged],
+            "convergence_time": [convergence_time(*poses) for poses, _ in judged],
+            "nees": [converged_nees(*poses, None, covariances) for poses, covariances in judged],
         }
         seconds = float(np.median([run.wall_time for run in runs]))
         kind, _, count = case.partition(", ")

@@ -18,12 +18,12 @@ from robocar.core import Array, OccupancyGrid
 from robocar.episode.result import RunResult
 from robocar.formats import load_map
 from robocar.formats.thesis_picture import save_thesis_picture
-from robocar.metrics.map import enclosed, on_common_cells
+from robocar.metrics.map import on_common_cells
 from robocar.reporting.report import Report
 from robocar.reporting.run_many import run_many
 from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
-from robocar.sim.car import footprint
+from robocar.sim.robot_model import RobotModel
 
 WORLD = {"start": [0.25, 0.5, 0.0], "goal": [3.25, 0.5]}
 POLICIES: dict[str, tuple[str, dict[str, object]]] = {
@@ -53,7 +53,7 @@ def main(out: Path, quick: bool = False) -> None:
     """Runs, the table and the maps side by side."""
     seeds = range(1 if quick else 5)
     scenario = load_scenario("thesis-field", WORLD | {"unknown_obstacles": []})
-    truth = enclosed(Scene.load(scenario, footprint()).true_grid, True)
+    truth = Scene.load(scenario, RobotModel.load().footprint).judged_map
     jobs = [
         {"scenario": scenario, "navigator": "dynamic-a-star", "estimator": "truth", "mapper": mapper, "seed": seed}
         | {"settings": settings, "out": out / "runs", "record": seed == 0, "force": True}

@@ -23,7 +23,7 @@ from robocar.reporting.report import Report
 from robocar.reporting.run_many import run_many
 from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
-from robocar.sim.car import footprint
+from robocar.sim.robot_model import RobotModel
 
 SCENARIO = "thesis-rooms"
 STAGES = {
@@ -41,7 +41,7 @@ def redrawn(result: RunResult, shares: list[float]) -> list[OccupancyGrid]:
     assert result.recording is not None
     seen = [observation for observation, _ in read_observations(result.recording)]
     stops = [round(share * (len(seen) - 1)) for share in shares]
-    mapper = OccupancyMapper(True, False, footprint().inscribed_radius)
+    mapper = OccupancyMapper(True, False, RobotModel.load().footprint.inscribed_radius)
     grids = []
     for k, (observation, pose) in enumerate(zip(seen, result.estimate.poses, strict=True)):
         mapper.update(Belief(SE2(*map(float, pose))), observation)
@@ -92,7 +92,7 @@ def main(out: Path, quick: bool = False) -> None:
 
 def _picture(path: Path, grids: list[OccupancyGrid], result: RunResult) -> None:
     """Four stages in the thesis' colours: black unknown, green seen free, white occupied."""
-    scene = Scene.load(load_scenario(SCENARIO), footprint())
+    scene = Scene.load(load_scenario(SCENARIO), RobotModel.load().footprint)
     corners = scene.grid.corners()
     figure, axes = plt.subplots(1, len(grids), figsize=(4.3 * len(grids), 4.6), layout="constrained")
     for axis, grid, (title, share) in zip(axes.flat, grids, STAGES.items(), strict=True):

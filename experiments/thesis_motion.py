@@ -17,10 +17,11 @@ import numpy as np
 
 from robocar.core import SE2, Array, Hold, OccupancyGrid, Serial, wrap_angle
 from robocar.reporting.report import Report
-from robocar.sim.car import FitOut
 from robocar.sim.firmware import CELL
-from robocar.sim.simulation import Simulation
-from robocar.sim.world import build_world
+from robocar.sim.fit_out import FitOut
+from robocar.sim.robot_handle import RobotSetup
+from robocar.sim.world import World
+from robocar.sim.world_spec import build_world
 
 STRAIGHTS = ("M1", "M2", "M3", "M4", "M5")
 TURNS = ("Kr45", "Kr90", "Kn45", "Kn90")
@@ -30,20 +31,22 @@ THESIS_DISTANCE, THESIS_HEADING = 4.8, 4.34  # [%] means over all repetitions, T
 def execute(command: str, seed: int, compass: bool) -> float:
     """Error of one command [% of what was commanded]."""
     floor = OccupancyGrid(np.zeros((8, 8), dtype=np.int8), 1.0, SE2(-4.0, -4.0))
-    simulation = Simulation(build_world(floor, border="open"), start=SE2(), seed=seed, fit_out=FitOut(compass=compass))
+    world = World(build_world(floor, border="open"), [RobotSetup(SE2(), fit_out=FitOut(compass=compass))], seed=seed)
     for _ in range(10):  # at rest: the compass fills its window
-        simulation.sense()
-        simulation.act(Hold())
-    first = simulation.ground_truth().pose
+        world.robot.sense()
+        world.robot.act(Hold())
+        world.step()
+    first = world.ground_truth().pose
     pose, turned = first, 0.0
     line = Serial(command)
     while True:
-        answers = simulation.sense().serial
+        answers = world.robot.sense().serial
         if answers and answers[-1] != "OK":
             break
-        simulation.act(line)
+        world.robot.act(line)
+        world.step()
         line = Hold()
-        following = simulation.ground_truth().pose
+        following = world.ground_truth().pose
         turned += wrap_angle(following.theta - pose.theta)
         pose = following
     if answers[-1] != "DONE":

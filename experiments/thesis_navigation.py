@@ -24,7 +24,7 @@ from robocar.reporting.report import Report
 from robocar.reporting.run_many import run_many
 from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
-from robocar.sim.car import footprint
+from robocar.sim.robot_model import RobotModel
 
 SCENARIO = "thesis-field"
 CELL = 0.30
@@ -73,7 +73,7 @@ def main(out: Path, quick: bool = False) -> None:
     ]
     results = run_many(jobs)
     grouped = {case: results[k * len(seeds) : (k + 1) * len(seeds)] for k, case in enumerate(cases)}
-    scene = Scene.load(load_scenario(SCENARIO), footprint())
+    scene = Scene.load(load_scenario(SCENARIO), RobotModel.load().footprint)
     assert scene.goal is not None
     lattice = CarLattice(CELL, scene.prior, scene.start, scene.goal.position)
 

@@ -24,8 +24,8 @@ from robocar.reporting.run_many import run_many
 from robocar.scenario.load import load_scenario
 from robocar.scenario.model import MoverModel
 from robocar.scenario.scene import Scene
-from robocar.sim.car import footprint
 from robocar.sim.movers import Mover
+from robocar.sim.robot_model import RobotModel
 
 NAVIGATORS = ("a-star", "rrt-dwa", "a-star-dwa", "a-star-mppi", "safe-direction-memory", "ocpb")
 COUNTS = (5, 10, 20)
@@ -48,7 +48,7 @@ def dynamic_scenario(count: int, seed: int) -> dict[str, Any]:
     """
     base = load_scenario("warehouse-dynamic").model_dump(mode="json", exclude_none=True)
     base |= {"name": f"warehouse-{count}-movers", "movers": []}
-    scene = Scene.load(load_scenario(base), footprint())
+    scene = Scene.load(load_scenario(base), RobotModel.load().footprint)
     rng = np.random.default_rng([count, seed])
     kinds = list(SHAPES)
     places: list[np.ndarray] = [scene.start.position]
@@ -150,7 +150,7 @@ def _picture(
     counts = sorted({count for count, _ in grouped})
     figure, axes = plt.subplots(1, len(counts), figsize=(5.2 * len(counts), 4.8), layout="constrained", squeeze=False)
     for axis, count in zip(axes.flat, counts, strict=True):
-        scene = Scene.load(load_scenario(scenarios[count, 0]), footprint())
+        scene = Scene.load(load_scenario(scenarios[count, 0]), RobotModel.load().footprint)
         corner = scene.grid.origin
         axis.imshow(
             np.where(scene.true_grid.occupied, 0.55, 1.0), origin="lower", cmap="gray", vmin=0, vmax=1,

@@ -23,7 +23,7 @@ BY_NAME = ("import_module", "__import__")
 # A room with rooms inside has layers of its own; HERE stands for the modules that lie directly in it.
 LAYERS: tuple[Mapping[str, Any], ...] = (
     {"core": None},
-    {"paths": None},
+    {"paths": None, "validation": None},
     {
         "formats": None,
         "sim": ({"sensors": None}, {HERE: None}),
@@ -233,6 +233,14 @@ def test_libraries_stay_in_their_places(name: str) -> None:
     wrong = {library for library in libraries if room not in LIBRARIES.get(library, {room})}
     wrong |= libraries - ONLY.get(room, libraries)
     assert not wrong, f"{name} must not import {sorted(wrong)}"
+
+
+def test_planners_read_no_clock() -> None:
+    """They are silent and repeatable: whoever wants to know how long one takes measures around it."""
+    planners = [name for name in MODULES if name.startswith("robocar.planners.")]
+    assert planners
+    clocks = {name: imports_of(MODULES[name], name) & {"time", "datetime"} for name in planners}
+    assert {name: found for name, found in clocks.items() if found} == {}
 
 
 def test_compiled_functions_sort_by_quicksort_or_order_by_mergesort() -> None:

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robocar.core import INSCRIBED, Array, Context, Costmap, NoPathFound, Path, Plan
+from robocar.core import INSCRIBED, Array, Context, Costmap, NoPathFound, Path, Plan, declares
 from robocar.planners.controllers import pure_pursuit
-from robocar.planners.navigators.plan_and_follow import PlanAndFollow, plan_and_follow
+from robocar.planners.controllers.pure_pursuit import PurePursuitParameters
+from robocar.planners.costmap.layered import CostmapParameters
+from robocar.planners.navigators.plan_and_follow import NavigatorParameters, PlanAndFollow, plan_and_follow
 
 STEPS = [(dr, dc, math.hypot(dr, dc)) for dr in (-1, 0, 1) for dc in (-1, 0, 1) if dr or dc]
 
@@ -35,9 +37,6 @@ class WallShy:
     def __init__(self, parameters: WallShyParameters) -> None:
         self.parameters = parameters
 
-    def reset(self, rng: np.random.Generator) -> None:
-        """Nothing is remembered from one run to the next."""
-
     def plan(self, costmap: Costmap, start: Array, goal: Array) -> Plan:
         costs = costmap.data.astype(float)  # 0 free, 253 and more blocked, 255 unknown
         blocked = (costmap.data >= INSCRIBED) & (costmap.data != 255)
@@ -56,7 +55,7 @@ class WallShy:
                 while cells[-1] != first:
                     cells.append(parent[cells[-1]])
                 between = costmap.world_from_cell(cells[-2:0:-1]) if len(cells) > 2 else np.empty((0, 2))
-                return Plan(Path(np.concatenate([[start], between, [goal]])), cost, len(expanded))
+                return Plan(Path(np.concatenate([[start], between, [goal]])), cost, {"expansions": len(expanded)})
             for dr, dc, length in STEPS:
                 to = (cell[0] + dr, cell[1] + dc)
                 if not (0 <= to[0] < blocked.shape[0] and 0 <= to[1] < blocked.shape[1]) or blocked[to]:
@@ -68,6 +67,13 @@ class WallShy:
         raise NoPathFound(f"no way from {tuple(start)} to {tuple(goal)}")
 
 
+@declares(
+    parameters={
+        "": (WallShyParameters, NavigatorParameters),
+        "controller": (PurePursuitParameters,),
+        "costmap": (CostmapParameters,),
+    }
+)
 def build(context: Context) -> PlanAndFollow:
     """What `--navigator wall_shy:build` calls: our planner, Robocar's costmap and its path follower."""
     parameters = context.parameters_of(WallShyParameters)

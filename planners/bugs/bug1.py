@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from robocar.core import Array, Context, GiveUp, Points
 from robocar.core.trace import Drawable
-from robocar.planners.bugs.local_planner import build_bug
+from robocar.planners.bugs.bug import build_bug
 from robocar.planners.bugs.motion import Boundary
 from robocar.planners.bugs.view import HIT, LEAVE, LOOP, LOOP_LENGTH, BugView, Move, To
 from robocar.planners.navigators.reactive import Reactive
@@ -36,9 +36,6 @@ class Bug1:
     """The strategy. A goal that is not to be seen from the leave point is unreachable: `no_path`."""
 
     def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
         self._round: _Round | None = None
 
     def step(self, view: BugView) -> Move:

@@ -12,7 +12,7 @@ import numpy as np
 
 from robocar.core import Array, Context, GiveUp, Lines
 from robocar.core.trace import Drawable
-from robocar.planners.bugs.local_planner import build_bug
+from robocar.planners.bugs.bug import build_bug
 from robocar.planners.bugs.motion import Boundary
 from robocar.planners.bugs.view import HIT, LEAVE, LOOP, LOOP_LENGTH, BugView, Move, To
 from robocar.planners.navigators.reactive import Reactive
@@ -26,9 +26,6 @@ class Bug2:
     """The strategy. Back at the hit point without having met the line closer to the goal, there is no way: `no_path`."""
 
     def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
         self._start: Array | None = None
         self._boundary: Boundary | None = None
         self._offset = 0.0

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from robocar.core import Array, Context
-from robocar.planners.bugs.local_planner import build_bug
+from robocar.planners.bugs.bug import build_bug
 from robocar.planners.bugs.point_bug import PointBug
 from robocar.planners.bugs.view import BugParameters, BugView
 from robocar.planners.navigators.reactive import Reactive

@@ -13,7 +13,7 @@ import numpy as np
 
 from robocar.core import Array, Context, GiveUp, Lines
 from robocar.core.trace import Drawable
-from robocar.planners.bugs.local_planner import build_bug
+from robocar.planners.bugs.bug import build_bug
 from robocar.planners.bugs.motion import Boundary, nearer_side
 from robocar.planners.bugs.view import HIT, LEAVE, LOOP, LOOP_LENGTH, BugView, Move, To
 from robocar.planners.navigators.reactive import Reactive
@@ -25,9 +25,6 @@ class DistBug:
     """The strategy. Back at the hit point without a reason to leave, there is no way: `no_path`."""
 
     def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
         self._boundary: Boundary | None = None
 
     def step(self, view: BugView) -> Move:

@@ -61,10 +61,6 @@ class Motion:
         self._front, self._rear = float(vertices[:, 0].max()), float(-vertices[:, 0].min())
         self._half = float(np.abs(vertices[:, 1]).max())
         self._limits, self._parameters = robot.limits, parameters
-        self.forget()
-
-    def forget(self) -> None:
-        """A new episode."""
         self._turning = False
         self._last, self._time = Twist(), -math.inf
         self.blocked = self.backing = False

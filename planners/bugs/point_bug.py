@@ -13,7 +13,7 @@ import numpy as np
 
 from robocar.core import Array, Context, GiveUp, Points, wrap_angle
 from robocar.core.trace import Drawable
-from robocar.planners.bugs.local_planner import build_bug
+from robocar.planners.bugs.bug import build_bug
 from robocar.planners.bugs.open_points import OpenPoint, find_open_points
 from robocar.planners.bugs.view import ARRIVED, BugParameters, BugView, Move, Stand, To
 from robocar.planners.navigators.reactive import Reactive
@@ -28,11 +28,7 @@ class PointBug:
 
     def __init__(self, looks: int) -> None:
         self._lookout = Lookout(looks)
-        self.reset()
-
-    def reset(self) -> None:
         self._target: Array | None = None
-        self._lookout.start()
         self.visited: list[Array] = []
         self.open_points: list[OpenPoint] = []
 

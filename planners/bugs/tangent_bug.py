@@ -13,7 +13,7 @@ import numpy as np
 
 from robocar.core import Array, Context, GiveUp, Points, wrap_angle
 from robocar.core.trace import Drawable
-from robocar.planners.bugs.local_planner import build_bug
+from robocar.planners.bugs.bug import build_bug
 from robocar.planners.bugs.motion import Boundary, nearer_side
 from robocar.planners.bugs.view import ARRIVED, LOOP, LOOP_LENGTH, BugView, Move, To
 from robocar.planners.navigators.reactive import Reactive
@@ -26,9 +26,6 @@ class TangentBug:
     """The strategy. Once round a boundary without a reason to leave it, there is no way: `no_path`."""
 
     def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
         self._node: Array | None = None
         self._boundary: Boundary | None = None
         self._nodes = np.empty((0, 2))

@@ -151,8 +151,6 @@ Move: TypeAlias = To | Along | Stand | GiveUp
 class Strategy(Protocol):
     """What makes one bug different from another."""
 
-    def reset(self) -> None: ...
-
     def step(self, view: BugView) -> Move:
         """The next motion; asked at every scan, while one is under way too."""
         ...

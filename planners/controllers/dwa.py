@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from robocar.core import (
     SE2,
     Array,
-    Belief,
     Command,
     Context,
     Costmap,
@@ -28,8 +27,11 @@ from robocar.core import (
     Path,
     Points,
     Robot,
+    State,
     Trace,
 )
+from robocar.core.compiling import trial_robot, warm_up
+from robocar.core.trace import LazyTrace
 from robocar.planners.controllers.steering import SLOWEST, Steering, SteeringParameters
 from robocar.planners.controllers.trajectory_costs import (
     CLOSE,
@@ -44,14 +46,17 @@ from robocar.planners.controllers.trajectory_costs import (
     TURNED,
     LocalPath,
     PathFollower,
+    RobotBody,
+    RolloutAim,
+    RolloutHorizon,
     drawn,
+    exercise,
     here,
     rollouts,
 )
 from robocar.planners.costmap import layered as layered
 from robocar.planners.costmap.layered import safe_cost
 from robocar.planners.geometry.outlines import CostmapView, Outlines
-from robocar.planners.search.grid_search import LazyTrace
 from robocar.planners.tracking.moving_obstacles import MovingObstacles, met, near
 
 _DODGE = 0.8  # [s] of an arc after which the car may also stop
@@ -115,7 +120,7 @@ class DwaParameters:
 
 
 class DynamicWindow:
-    """Local planner. It drives backwards, where few sensors look, to get out of the way of what moves only: else
+    """Controller. It drives backwards, where few sensors look, to get out of the way of what moves only: else
     `robocar.planners.navigators.recovery` backs up where nothing else helps.
 
     Args:
@@ -140,34 +145,17 @@ class DynamicWindow:
         self._outlines = Outlines(robot.footprint, self._steering.parameters.footprint_padding)
         self._follower = PathFollower()
         self._movers = MovingObstacles(robot)
-        self._forget()
-        # Compiled here, not in the control loop: choosing, turning to the path and at the goal, and drawing.
-        open_ground = Costmap(np.zeros((60, 60), dtype=np.uint8), 0.05, SE2(-1.0, -1.0))
-        path = Path(np.array([[0.0, 0.0], [0.5, 0.0], [1.0, 0.0]]))
-        for pose, costmap in ((SE2(), open_ground), (SE2(0.0, 0.0, 1.5), open_ground), (SE2(1.0), None), (SE2(), None)):
-            dict(self.command(Belief(pose), path, costmap, Observation(0.0), Goal(np.array([1.0, 0.0]), 1.0)).trace)
-            self._forget()
-
-    def reset(self, rng: np.random.Generator) -> None:
-        """Forgets the path and the last command; there is no chance in it."""
-        self._forget()
-
-    def _forget(self) -> None:
-        self._follower.forget()
-        self._steering.forget()
-        self._movers.forget()
         self._drawn_at = -math.inf
+        _warm_up()
 
-    def command(
-        self, belief: Belief, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal
-    ) -> Command:
+    def command(self, state: State, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal) -> Command:
         """The twist for the next control period; `GiveUp` (`stuck`) where there has been none for `failure_tolerance`.
 
         Args:
             path: to follow; None is the straight way to the goal.
             costmap: obstacles; None is a world without.
         """
-        p, pose = self.parameters, belief.pose
+        p, pose = self.parameters, state.belief.pose
         self._steering.resume(observation.time)
         self._movers.update(pose, observation)
         views = self._outlines.views(costmap, pose)
@@ -179,10 +167,11 @@ class DynamicWindow:
             return turn
         return self._choice(views, local, movers, costmap, observation.time) or self._steering.stuck(observation.time)
 
-    def evade(self, belief: Belief, costmap: Costmap | None, observation: Observation) -> Drive | None:
+    def evade(self, state: State, costmap: Costmap | None, observation: Observation) -> Drive | None:
         """A twist out of the way of what comes, for whoever else drives or lets the car stand; None where nothing comes."""
-        views = self._outlines.views(costmap, belief.pose)
-        movers = self._movers.coming(belief.pose, observation, views[0], costmap)
+        pose = state.belief.pose
+        views = self._outlines.views(costmap, pose)
+        movers = self._movers.coming(pose, observation, views[0], costmap)
         if movers is None:
             return None
         self._steering.resume(observation.time)
@@ -243,11 +232,11 @@ class DynamicWindow:
         outline = view.outline if view.outline is not None else np.empty((0, 2))
         safe = 0.0 if self._inflation is None else safe_cost(self._inflation, self._footprint, r)
         fastest, limits = self._steering.fastest, self._steering.limits
-        terms = rollouts(
-            view.costs, self._start(view), self._accelerations(view), samples, p.sim_granularity, self._steps, outline,
-            self._footprint.circumscribed_radius / r, safe, local.points, local.goal, forward / r,
-            min(self._steps, max(1, round(p.window / p.sim_granularity))), movers, brake,
-        )  # fmt: skip
+        body = RobotBody(outline, self._footprint.circumscribed_radius / r, safe)
+        soon = min(self._steps, max(1, round(p.window / p.sim_granularity)))
+        horizon = RolloutHorizon(p.sim_granularity, self._steps, soon, brake)
+        aim = RolloutAim(local.points, local.goal, forward / r)
+        terms = rollouts(view.costs, self._start(view), self._accelerations(view), samples, body, aim, horizon, movers)
         v, w = samples[:, 0] * r, np.abs(samples[:, 1])
         reach = fastest * p.sim_time
         hit = terms[:, COLLIDES] > 0.0
@@ -316,6 +305,11 @@ def thinned(trajectories: Array) -> Array:
     return trajectories[:, np.unique(np.linspace(0, k - 1, min(k, CORNERS)).round().astype(int))]
 
 
+@warm_up
+def _warm_up() -> None:
+    exercise(lambda: DynamicWindow(trial_robot(), 0.1))
+
+
 def build(context: Context) -> DynamicWindow:
     """The planner for the context's robot, with its parameters."""
     return DynamicWindow(
@@ -323,5 +317,5 @@ def build(context: Context) -> DynamicWindow:
         context.control_period,
         context.parameters_of(DwaParameters),
         context.parameters_of(SteeringParameters),
-        context.parameters_of(layered.CostmapParameters),
+        context.part("costmap").parameters_of(layered.CostmapParameters),
     )

@@ -10,13 +10,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from robocar.core import (
     SE2,
     Array,
-    Belief,
     Command,
     Context,
     Costmap,
@@ -26,20 +24,36 @@ from robocar.core import (
     Observation,
     Path,
     Robot,
+    State,
     Trace,
 )
+from robocar.core.compiling import trial_robot, warm_up
+from robocar.core.trace import LazyTrace
 from robocar.planners.controllers.dwa import DRAW_PERIOD, DRAWN, LOCAL_COLOR, thinned
+from robocar.planners.controllers.sampled_controls import (
+    COLLISION,
+    ControlLimits,
+    CostWeights,
+    Sampling,
+    correlate,
+    positions,
+    sample_costs,
+)
 from robocar.planners.controllers.steering import SLOWEST, Steering, SteeringParameters
-from robocar.planners.controllers.trajectory_costs import LocalPath, PathFollower, here, outline_cost, path_distance, toward
+from robocar.planners.controllers.trajectory_costs import (
+    LocalPath,
+    PathFollower,
+    RobotBody,
+    RolloutAim,
+    exercise,
+    here,
+)
 from robocar.planners.costmap import layered as layered
 from robocar.planners.costmap.layered import safe_cost
 from robocar.planners.geometry.outlines import CostmapView, Outlines
-from robocar.planners.search.grid_search import LazyTrace
-from robocar.planners.tracking.moving_obstacles import STAY, MovingObstacles, depth_later, encounter, met, near
+from robocar.planners.tracking.moving_obstacles import MovingObstacles, near
 
-_PATH_EVERY = 3  # steps between two looks at the path, and one at the end
 _CREEP = 0.01  # [m/s, rad/s]
-_COLLISION = 100.0  # cost of a trajectory that collides, far above all others
 _FAR_WORSE = 5.0  # of costs: more than what trajectories differ by that touch nothing and meet nobody
 
 
@@ -89,104 +103,8 @@ class MppiParameters:
                 raise ValueError(f"{name} must {'not be negative' if zero_is_fine else 'be positive'}, not {value}")
 
 
-@njit(cache=True)
-def _correlate(noise: Array, correlation: float) -> None:
-    """White noise (n, steps, 2) to noise of the same variance with this correlation between neighbouring steps, in place."""
-    share = math.sqrt(1.0 - correlation * correlation)
-    for k in range(noise.shape[0]):
-        for i in range(1, noise.shape[1]):
-            for j in range(2):
-                noise[k, i, j] = correlation * noise[k, i - 1, j] + share * noise[k, i, j]
-
-
-@njit(cache=True)
-def sample_costs(
-    costs: NDArray, start: Array, limits: Array, mean: Array, noise: Array, scale: Array, dt: float, vertices: Array,
-    radius: float, safe: float, path: Array, goal: Array, forward: float, weights: Array, movers: Array,
-) -> tuple[Array, Array]:  # fmt: skip
-    """Costs of sampled controls, and the controls as the car would follow them.
-
-    Args:
-        start: x, y, theta and the present v, omega, (5,) [cells, rad, s].
-        limits: accelerations of v and omega, highest v and omega, the v below which 1 / v^2 grows no further, and
-            the lowest v, (6,).
-        mean: controls of the last tick, (steps, 2); noise: standard normal, (n, steps, 2); scale: its deviations, (2,).
-        forward: how far ahead of the centre the point lies that is to come near to the goal.
-        weights: of costs, of the distances to the goal and from the path, of slowness, and gamma, (5,), per unit.
-        movers: discs that move (`robocar.planners.tracking.moving_obstacles`), (m, 5).
-
-    Returns:
-        (n,), `_COLLISION` and above where the outline touches something; (n, steps, 2).
-    """
-    n, steps = noise.shape[0], noise.shape[1]
-    totals, controls = np.empty(n), np.empty((n, steps, 2))
-    dv, dw = limits[0] * dt, limits[1] * dt
-    whole = steps * dt + STAY
-    close_now = encounter(movers, 0.0, start[0], start[1])[1]
-    for k in range(n):
-        x, y, theta, v, w = start[0], start[1], start[2], start[3], start[4]
-        cost_sum, path_sum, slow_sum, noise_sum, moved = 0.0, 0.0, 0.0, 0.0, 0.0
-        looks, nearest, hit, depth_sum, close = 0, math.inf, -1, 0.0, 0.0
-        for i in range(steps):
-            push_v, push_w = scale[0] * noise[k, i, 0], scale[1] * noise[k, i, 1]
-            v = toward(v, min(max(mean[i, 0] + push_v, limits[5]), limits[2]), dv)
-            w = toward(w, min(max(mean[i, 1] + push_w, -limits[3]), limits[3]), dw)
-            controls[k, i, 0], controls[k, i, 1] = v, w
-            noise_sum += mean[i, 0] * push_v / (scale[0] * scale[0]) + mean[i, 1] * push_w / (scale[1] * scale[1])
-            if hit >= 0:
-                continue
-            middle = theta + 0.5 * w * dt
-            c, s = math.cos(middle), math.sin(middle)
-            x, y, theta = x + v * dt * c, y + v * dt * s, theta + w * dt
-            moved += abs(v * dt) + radius * abs(w * dt)
-            check = moved > 0.5 or i == steps - 1
-            if check:
-                moved = 0.0
-            cost = outline_cost(costs, x, y, theta, vertices, safe if check else 256.0)
-            if cost == math.inf:
-                hit = i
-                continue
-            if len(movers) > 0:
-                depth, closeness = encounter(movers, (i + 1) * dt, x, y)
-                depth_sum += depth * dt / whole
-                close = max(close, closeness * (1.0 - 0.5 * i / steps) - close_now)
-            cost_sum += min(cost, 252.0)
-            slow_sum += (limits[4] / max(v, limits[4])) ** 2
-            ahead_x, ahead_y = x + forward * c, y + forward * s
-            dx, dy = goal[0] - ahead_x, goal[1] - ahead_y
-            nearest = min(nearest, dx * dx + dy * dy)
-            if i % _PATH_EVERY == 0 or i == steps - 1:
-                path_sum += path_distance(path, ahead_x, ahead_y)
-                looks += 1
-        total = weights[0] * cost_sum / steps + weights[3] * slow_sum / steps + weights[4] * noise_sum
-        if hit < 0:
-            depth_sum += depth_later(movers, steps * dt, STAY, 2.0 * dt, x, y) * 2.0 * dt / whole
-        total += met(depth_sum, close)
-        if hit >= 0:
-            # The earlier it collides, the worse; so that where all do, the mean still leads away.
-            totals[k] = _COLLISION * (2.0 - hit / steps) + total
-        else:
-            totals[k] = total + weights[1] * math.sqrt(nearest) + weights[2] * path_sum / max(looks, 1)
-    return totals, controls
-
-
-@njit(cache=True)
-def _positions(start: Array, controls: Array, dt: float) -> Array:
-    """Along each of the trajectories that the controls (n, steps, 2) lead to, (n, steps + 1, 2)."""
-    points = np.empty((controls.shape[0], controls.shape[1] + 1, 2))
-    for k in range(controls.shape[0]):
-        x, y, theta = start[0], start[1], start[2]
-        points[k, 0] = x, y
-        for i in range(controls.shape[1]):
-            v, w = controls[k, i]
-            middle = theta + 0.5 * w * dt
-            x, y, theta = x + v * dt * math.cos(middle), y + v * dt * math.sin(middle), theta + w * dt
-            points[k, i + 1] = x, y
-    return points
-
-
 class MPPI:
-    """Local planner; forward only but for movers, like `robocar.planners.controllers.dwa`.
+    """Controller; forward only but for movers, like `robocar.planners.controllers.dwa`.
 
     Args:
         rng: the source of its noise.
@@ -211,31 +129,12 @@ class MPPI:
         self._outlines = Outlines(robot.footprint, self._steering.parameters.footprint_padding)
         self._follower = PathFollower()
         self._movers = MovingObstacles(robot)
-        self._rng = np.random.default_rng(0)
-        self._forget()
-        # Compiled here, not in the control loop.
-        open_ground = Costmap(np.zeros((60, 60), dtype=np.uint8), 0.05, SE2(-1.0, -1.0))
-        path = Path(np.array([[0.0, 0.0], [0.5, 0.0], [1.0, 0.0]]))
-        for pose, costmap in ((SE2(), open_ground), (SE2(0.0, 0.0, 1.5), open_ground), (SE2(1.0), None), (SE2(), None)):
-            dict(self.command(Belief(pose), path, costmap, Observation(0.0), Goal(np.array([1.0, 0.0]), 1.0)).trace)
-            self._forget()
         self._rng = rng
-
-    def reset(self, rng: np.random.Generator) -> None:
-        """A new episode with a new source of noise."""
-        self._rng = rng
-        self._forget()
-
-    def _forget(self) -> None:
-        self._follower.forget()
-        self._steering.forget()
-        self._movers.forget()
         self._mean = np.zeros((self.parameters.time_steps, 2))  # [m/s, rad/s]
         self._drawn_at = -math.inf
+        _warm_up()
 
-    def command(
-        self, belief: Belief, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal
-    ) -> Command:
+    def command(self, state: State, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal) -> Command:
         """The twist for the next control period; `GiveUp` (`stuck`) where all trajectories have collided for
         `failure_tolerance`.
 
@@ -243,7 +142,7 @@ class MPPI:
             path: to follow; None is the straight way to the goal.
             costmap: obstacles; None is a world without.
         """
-        p, pose, steering = self.parameters, belief.pose, self._steering
+        p, pose, steering = self.parameters, state.belief.pose, self._steering
         self._movers.update(pose, observation)
         if steering.resume(observation.time):
             self._mean[:] = 0.0
@@ -259,10 +158,11 @@ class MPPI:
         command = self._choice(views, local, movers, costmap, observation.time)
         return command or steering.stuck(observation.time)
 
-    def evade(self, belief: Belief, costmap: Costmap | None, observation: Observation) -> Drive | None:
+    def evade(self, state: State, costmap: Costmap | None, observation: Observation) -> Drive | None:
         """A twist out of the way of what comes, for whoever else drives or lets the car stand; None where nothing comes."""
-        views = self._outlines.views(costmap, belief.pose)
-        movers = self._movers.coming(belief.pose, observation, views[0], costmap)
+        pose = state.belief.pose
+        views = self._outlines.views(costmap, pose)
+        movers = self._movers.coming(pose, observation, views[0], costmap)
         if movers is None:
             return None
         if self._steering.resume(observation.time):
@@ -275,12 +175,12 @@ class MPPI:
         """The weighted mean of the samples; None where all collide, or where to stand is best and nothing moves."""
         p, steering = self.parameters, self._steering
         noise = self._rng.standard_normal((p.batch_size, p.time_steps, 2))
-        _correlate(noise, p.noise_correlation)
+        correlate(noise, p.noise_correlation)
         noise[0] = 0.0  # the last plan goes on
         for view in views:
             totals, controls = self._sample(view, local, self._mean / (view.resolution, 1.0), noise, movers)
             best = int(np.argmin(totals))
-            if totals[best] >= _COLLISION:
+            if totals[best] >= COLLISION:
                 continue
             weights = np.exp((totals[best] - totals) / p.temperature)
             mean = np.tensordot(weights / weights.sum(), controls, axes=1)
@@ -309,21 +209,28 @@ class MPPI:
         forward = p.forward_point * min(1.0, max(0.0, distance / p.lookahead - 0.2) / 0.3)
         reach = self._steering.fastest * p.model_dt * p.time_steps
         outline = view.outline if view.outline is not None else np.empty((0, 2))
+        safe = 0.0 if self._inflation is None else safe_cost(self._inflation, self._footprint, r)
         return sample_costs(
             view.costs,
             np.array([view.x, view.y, view.theta, last.v / r, last.omega]),
-            np.array([limits.acc_lim_x / r, limits.acc_lim_theta, fastest / r, limits.max_vel_theta, SLOWEST / r, slowest / r]),
-            mean,
-            noise,
-            np.array([p.vx_std / r, p.wz_std]),
-            p.model_dt,
-            outline,
-            self._footprint.circumscribed_radius / r,
-            0.0 if self._inflation is None else safe_cost(self._inflation, self._footprint, r),
-            local.points,
-            local.goal,
-            forward / r,
-            np.array([p.cost_weight / 252.0, p.goal_weight * r / reach, p.path_weight * r / reach, p.slowness_weight, p.gamma]),
+            ControlLimits(
+                limits.acc_lim_x / r,
+                float(limits.acc_lim_theta),
+                slowest / r,
+                fastest / r,
+                float(limits.max_vel_theta),
+                SLOWEST / r,
+            ),
+            Sampling(mean, noise, np.array([p.vx_std / r, p.wz_std]), p.model_dt),
+            RobotBody(outline, self._footprint.circumscribed_radius / r, safe),
+            RolloutAim(local.points, local.goal, forward / r),
+            CostWeights(
+                p.cost_weight / 252.0,
+                p.goal_weight * r / reach,
+                p.path_weight * r / reach,
+                float(p.slowness_weight),
+                float(p.gamma),
+            ),
             movers,
         )
 
@@ -344,10 +251,10 @@ class MPPI:
         start = np.array([view.x, view.y, view.theta])
 
         def trajectories(chosen: Array) -> Array:
-            return origin.transform(_positions(start, chosen, dt) * view.resolution)
+            return origin.transform(positions(start, chosen, dt) * view.resolution)
 
         def candidates() -> Lines:
-            good = np.flatnonzero(totals < _COLLISION)
+            good = np.flatnonzero(totals < COLLISION)
             shown: NDArray[np.intp] = good[:: max(1, len(good) // DRAWN)]
             return Lines(tuple(thinned(trajectories(controls[shown]))), values=totals[shown], radius=0.003)
 
@@ -355,6 +262,11 @@ class MPPI:
             return Lines((trajectories(mean[None])[0],), color=LOCAL_COLOR, radius=0.01)
 
         return LazyTrace({"candidates": candidates, "local": local})
+
+
+@warm_up
+def _warm_up() -> None:
+    exercise(lambda: MPPI(trial_robot(), 0.1, np.random.default_rng(0)))
 
 
 def build(context: Context) -> MPPI:
@@ -365,5 +277,5 @@ def build(context: Context) -> MPPI:
         context.rng,
         context.parameters_of(MppiParameters),
         context.parameters_of(SteeringParameters),
-        context.parameters_of(layered.CostmapParameters),
+        context.part("costmap").parameters_of(layered.CostmapParameters),
     )

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robocar.core import SE2, Belief, Context, Costmap, Drive, Goal, Observation, Path, Points, Robot, Text, Twist
+from robocar.core import SE2, Belief, Context, Costmap, Drive, Goal, Observation, Path, Points, Robot, State, Text, Twist
+from robocar.core.compiling import trial_robot, warm_up
 from robocar.core.trace import Drawable
 from robocar.planners.geometry.outlines import CostmapView, Outlines
 from robocar.planners.geometry.polyline import nearest_on_path, point_ahead
@@ -88,32 +89,21 @@ class PurePursuit:
         self.parameters = parameters or PurePursuitParameters()
         self._limits, self._dt = robot.limits, control_period
         self._outlines = Outlines(robot.footprint, self.parameters.footprint_padding)
-        self._forget()
-        # Compiled here, not in the control loop: an arc and a turn.
-        path, goal = Path(np.array([[0.0, 0.0], [1.0, 0.0]])), Goal(np.array([1.0, 0.0]))
-        for pose in (SE2(), SE2(0.0, 0.0, 1.5)):
-            self.command(Belief(pose), path, None, Observation(0.0), goal)
-        self._forget()
-
-    def reset(self, rng: np.random.Generator) -> None:
-        """Forgets the path and the last command; there is no chance in it."""
-        self._forget()
-
-    def _forget(self) -> None:
         self._last = Twist()
         self._path: Path | None = None
         self._points = np.empty((0, 2))
         self._segment = 0
         self._back_up_left = 0.0  # [m]
+        _warm_up()
 
-    def command(self, belief: Belief, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal) -> Drive:
+    def command(self, state: State, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal) -> Drive:
         """The twist for the next control period.
 
         Args:
             path: to follow; None is the straight way to the goal.
             costmap: obstacles; None is a world without.
         """
-        pose = belief.pose
+        pose = state.belief.pose
         views = self._outlines.views(costmap, pose)
         if math.hypot(goal.position[0] - pose.x, goal.position[1] - pose.y) <= STOPPING_SHARE * goal.xy_goal_tolerance:
             self._back_up_left = 0.0
@@ -237,6 +227,14 @@ class PurePursuit:
             self._back_up_left = self.parameters.back_up_distance
         self._last = Twist(v, omega) if safe else Twist()
         return Drive(self._last, trace=trace or {})
+
+
+@warm_up
+def _warm_up() -> None:
+    """An arc and a turn."""
+    path, goal = Path(np.array([[0.0, 0.0], [1.0, 0.0]])), Goal(np.array([1.0, 0.0]))
+    for pose in (SE2(), SE2(0.0, 0.0, 1.5)):
+        PurePursuit(trial_robot(), 0.1).command(State.of(Belief(pose)), path, None, Observation(0.0), goal)
 
 
 def build(context: Context) -> PurePursuit:

@@ -1,4 +1,4 @@
-"""What local planners that sample velocities do around the sampling: turn to the path, arrive, keep the car's accelerations."""
+"""What controllers that sample velocities do around the sampling: turn to the path, arrive, keep the car's accelerations."""
 
 from __future__ import annotations
 
@@ -60,10 +60,6 @@ class Steering:
             raise ValueError(f"the robot's min_vel_x {limits.min_vel_x} lies above its max_vel_x {limits.max_vel_x}")
         self.parameters, self.limits, self._dt = parameters, limits, control_period
         self.fastest = min(parameters.max_vel_x, limits.max_vel_x)
-        self.forget()
-
-    def forget(self) -> None:
-        """A new episode."""
         self.last = Twist()
         self._time = -math.inf
         self._turning = False

@@ -1,4 +1,4 @@
-"""Trajectories of the car a few seconds ahead, and what they cost: shared by the local planners that sample velocities.
+"""Trajectories of the car a few seconds ahead, and what they cost: shared by the controllers that sample velocities.
 
 Everything in here is in grid coordinates: lengths in cells, speeds in cells per second (`GridMap.grid_from_world`).
 """
@@ -6,13 +6,15 @@ Everything in here is in grid coordinates: lengths in cells, speeds in cells per
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from robocar.core import LETHAL, Array, Costmap, Path
+from robocar.core import LETHAL, SE2, Array, Belief, Controller, Costmap, Goal, Observation, Path, State
 from robocar.planners.geometry.collision import footprint_free
 from robocar.planners.geometry.line_of_sight import segment_cost
 from robocar.planners.geometry.outlines import CostmapView
@@ -27,6 +29,50 @@ _HIGHEST = 252.0  # cost of a cell that may be entered
 _OPEN = np.zeros((0, 0), dtype=np.uint8)  # a world without obstacles
 _OPEN.flags.writeable = False
 _CHECKED = 0.5  # [cells] the outline is checked whenever a corner of it may have moved this far
+
+
+class RobotBody(NamedTuple):
+    """The robot in grid coordinates.
+
+    Args:
+        vertices: of its outline, (m, 2) [cells]; without any, nothing is touched.
+        radius: how far the outline reaches from the centre [cells].
+        safe_cost: see `outline_cost`.
+    """
+
+    vertices: Array
+    radius: float
+    safe_cost: float
+
+
+class RolloutAim(NamedTuple):
+    """Where trajectories are to lead.
+
+    Args:
+        path: polyline to keep to, (k, 2) [cells].
+        goal: point to come near to, (2,) [cells].
+        forward: the point that is to come near to the goal lies this far ahead of the robot's centre [cells].
+    """
+
+    path: Array
+    goal: Array
+    forward: float
+
+
+class RolloutHorizon(NamedTuple):
+    """How far trajectories reach.
+
+    Args:
+        dt: time of a step [s].
+        steps: their number.
+        soon: the step after which the heading is compared with the goal's direction.
+        brake: the step from which on the robot slows down and stands; `NEVER` for none.
+    """
+
+    dt: float
+    steps: int
+    soon: int
+    brake: int
 
 
 @njit(cache=True)
@@ -74,8 +120,8 @@ def path_distance(path: Array, x: float, y: float) -> float:
 
 @njit(cache=True)
 def rollouts(
-    costs: NDArray, start: Array, limits: Array, samples: Array, dt: float, steps: int, vertices: Array, radius: float,
-    safe_cost: float, path: Array, goal: Array, forward: float, soon: int, movers: Array, brake: int = NEVER,
+    costs: NDArray, start: Array, limits: Array, samples: Array, body: RobotBody, aim: RolloutAim, horizon: RolloutHorizon,
+    movers: Array,
 ) -> Array:  # fmt: skip
     """Drives towards each sampled twist with the car's accelerations, then on with it, until the time is over or it collides.
 
@@ -83,14 +129,7 @@ def rollouts(
         start: x, y, theta and the present v, omega, (5,).
         limits: accelerations of v and omega, (2,).
         samples: twists v, omega, (n, 2).
-        dt, steps: time of a step [s], and their number.
-        vertices, radius: outline (m, 2), and how far from the centre it reaches.
-        safe_cost: see `outline_cost`.
-        path: polyline to keep to, (k, 2); goal: point to come near to, (2,).
-        forward: the point that is to come near to the goal lies this far ahead of the robot's centre.
-        soon: the step after which the heading is compared with the goal's direction.
         movers: discs that move (`robocar.planners.tracking.moving_obstacles`), (m, 5).
-        brake: the step from which on it slows down and stands; by default never.
 
     Returns:
         (n, 9), columns named above: 1 where the outline touches something; mean cost of the cells crossed, 0 to 252; smallest
@@ -99,7 +138,7 @@ def rollouts(
         depth in the room of movers, in the mean over what is looked at, 0 where it keeps out of it (it is taken to stand for
         `STAY` after its end); and how much closer than now it comes to it before its end, counting the less the later, 0 to 1.
     """
-    n = len(samples)
+    n, dt, steps, goal = len(samples), horizon.dt, horizon.steps, aim.goal
     terms = np.zeros((n, 9))
     whole = steps * dt + STAY
     close_now = encounter(movers, 0.0, start[0], start[1])[1]
@@ -109,16 +148,16 @@ def rollouts(
         total, nearest, way, turned, moved = 0.0, math.inf, 0.0, 0.0, 0.0
         ahead_x, ahead_y = x, y
         for i in range(steps):
-            share = 1.0 if i < brake else 0.0
+            share = 1.0 if i < horizon.brake else 0.0
             v, w = toward(v, share * samples[k, 0], dv), toward(w, share * samples[k, 1], dw)
             middle = theta + 0.5 * w * dt
             c, s = math.cos(middle), math.sin(middle)
             x, y, theta = x + v * dt * c, y + v * dt * s, theta + w * dt
-            moved += abs(v * dt) + radius * abs(w * dt)
+            moved += abs(v * dt) + body.radius * abs(w * dt)
             check = moved > _CHECKED or i == steps - 1
             if check:
                 moved = 0.0
-            cost = outline_cost(costs, x, y, theta, vertices, safe_cost if check else 256.0)
+            cost = outline_cost(costs, x, y, theta, body.vertices, body.safe_cost if check else 256.0)
             if cost == math.inf:
                 terms[k, 0] = 1.0
                 break
@@ -129,17 +168,17 @@ def rollouts(
             total += min(cost, 252.0)
             way += abs(v * dt)
             turned += abs(w * dt)
-            ahead_x, ahead_y = x + forward * c, y + forward * s
+            ahead_x, ahead_y = x + aim.forward * c, y + aim.forward * s
             dx, dy = goal[0] - ahead_x, goal[1] - ahead_y
             nearest = min(nearest, dx * dx + dy * dy)
-            if i == soon - 1:
+            if i == horizon.soon - 1:
                 dx, dy, c, s = goal[0] - x, goal[1] - y, math.cos(theta), math.sin(theta)
                 terms[k, 6] = abs(math.atan2(c * dy - s * dx, c * dx + s * dy))
         if terms[k, 0] == 0.0:
             terms[k, 7] += depth_later(movers, steps * dt, STAY, 2.0 * dt, x, y) * 2.0 * dt / whole
         terms[k, 1] = total / steps
         terms[k, 2] = math.sqrt(nearest)
-        terms[k, 3] = path_distance(path, ahead_x, ahead_y)
+        terms[k, 3] = path_distance(aim.path, ahead_x, ahead_y)
         terms[k, 4], terms[k, 5] = way, turned
     return terms
 
@@ -199,9 +238,6 @@ class PathFollower:
     """Where the robot is along its path; keeps its place, so that a path that comes back near itself is not cut short."""
 
     def __init__(self) -> None:
-        self.forget()
-
-    def forget(self) -> None:
         self._path: object = None
         self._segment = 0
 
@@ -245,3 +281,12 @@ def _stretch(points: Array, segment: int, share: float, length: float) -> Array:
         if way > length:
             break
     return out[:n].copy()
+
+
+def exercise(build: Callable[[], Controller]) -> None:
+    """All that such a controller does in the control loop: choosing, turning to the path and at the goal, drawing."""
+    open_ground = Costmap(np.zeros((60, 60), dtype=np.uint8), 0.05, SE2(-1.0, -1.0))
+    path = Path(np.array([[0.0, 0.0], [0.5, 0.0], [1.0, 0.0]]))
+    goal = Goal(np.array([1.0, 0.0]), 1.0)
+    for pose, costmap in ((SE2(), open_ground), (SE2(0.0, 0.0, 1.5), open_ground), (SE2(1.0), None), (SE2(), None)):
+        dict(build().command(State.of(Belief(pose)), path, costmap, Observation(0.0), goal).trace)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robocar.core import LETHAL, NO_INFORMATION, SE2, Costmap, Footprint, GridMap, Observation, OccupancyGrid, Robot, Scan
+from robocar.core.compiling import trial_robot, warm_up
 from robocar.planners.costmap.inflation_layer import inflate_window, inflation_kernel
 from robocar.planners.costmap.obstacle_layer import HIT, commit, forget_disc, mark_laser, mark_sonar
 
@@ -131,7 +131,7 @@ class LayeredCostmap:
         self._mark_reach = p.obstacle_max_range if robot.lidar is not None else p.sonar_obstacle_max_range
         self.version = 0
         self._place: GridMap | None = None
-        _compile()
+        _warm_up()
         self.clear()
 
     def clear(self) -> None:
@@ -247,11 +247,9 @@ class LayeredCostmap:
             self._inflate(r0, r1, c0, c1)
 
 
-@cache
-def _compile() -> None:
-    """Compiles, or loads, what the control loop calls."""
-    layer = object.__new__(LayeredCostmap)
-    layer.parameters, layer._prior, layer._inscribed_radius, layer.version = CostmapParameters(), None, 0.1, 0
-    layer._set_ground(np.zeros((3, 3), dtype=np.uint8), 1.0, SE2())
+@warm_up
+def _warm_up() -> None:
+    layer = LayeredCostmap(None, trial_robot())
     for beam_width in (0.0, 0.3):
-        layer._integrate(SE2(1.5, 1.5), Scan(0.0, np.array([1.0]), np.array([0.0]), 5.0, beam_width))
+        scan = Scan(0.0, np.array([1.0]), np.array([0.0]), 5.0, beam_width)
+        layer.update(SE2(), Observation(0.0, lidar=scan))

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from robocar.core import LETHAL, SE2, GridMap, Observation, OccupancyGrid, Robot
+from robocar.core.grid import cutout
 from robocar.planners.costmap import layered as layered
 from robocar.planners.costmap.layered import LayeredCostmap, split_prior
 
@@ -35,7 +36,7 @@ class RollingCostmap(LayeredCostmap):
     is the prior map's, or free where there is none.
 
     Args:
-        prior: the map that the robot is given, or None; the window's cells are its cells, split alike.
+        prior: the map that the robot is given, or None; the window's cells are as large as its cells, split alike.
         robot: for its inscribed radius.
     """
 
@@ -80,20 +81,10 @@ class RollingCostmap(LayeredCostmap):
         return self.version != before
 
     def _move(self, corner: tuple[int, int]) -> None:
-        n, resolution = self._cells, self._static.resolution
-        seen = None if self._place is None else _shifted(self._evidence, self._corner, corner, n)
-        ground = _shifted(self._static.data, (0, 0), corner, n)
+        shape, resolution = (self._cells, self._cells), self._static.resolution
+        (row, col), (row_before, col_before) = corner, self._corner
+        seen = None if self._place is None else cutout(self._evidence, row - row_before, col - col_before, shape)
+        ground = cutout(self._static.data, row, col, shape)
         self._corner = corner
         origin = self._static.origin @ SE2(corner[1] * resolution, corner[0] * resolution)
         self._set_ground(ground, resolution, origin, seen)
-
-
-def _shifted(data: NDArray, corner: tuple[int, int], new_corner: tuple[int, int], n: int) -> NDArray:
-    """The n x n window of `data` at a new corner; zero where there is none. Corners are (row, col) of one lattice."""
-    window = np.zeros((n, n), dtype=data.dtype)
-    row, col = new_corner[0] - corner[0], new_corner[1] - corner[1]
-    rows, cols = data.shape
-    r0, r1, c0, c1 = max(0, row), min(rows, row + n), max(0, col), min(cols, col + n)
-    if r1 > r0 and c1 > c0:
-        window[r0 - row : r1 - row, c0 - col : c1 - col] = data[r0:r1, c0:c1]
-    return window

@@ -20,7 +20,6 @@ from robocar.core import (
     SE2,
     STOP,
     Array,
-    Belief,
     Command,
     Context,
     Costmap,
@@ -29,7 +28,6 @@ from robocar.core import (
     GlobalPlanner,
     Goal,
     Lines,
-    Mapper,
     Observation,
     OccupancyGrid,
     Path,
@@ -37,11 +35,15 @@ from robocar.core import (
     Points,
     Robot,
     Scalar,
+    State,
     Text,
     Trace,
     Twist,
+    declares,
 )
+from robocar.core.compiling import warm_up
 from robocar.core.trace import PLAN_COLOR
+from robocar.core.work import Work
 from robocar.planners.controllers.pure_pursuit import STOPPING_SHARE, PurePursuit
 from robocar.planners.costmap import known_space
 from robocar.planners.costmap.known_space import is_known
@@ -119,9 +121,6 @@ class Explore:
         follower: drives along them.
     """
 
-    explores = True
-    """It draws a map: it needs a mapper and ignores the scenario's goal (`robocar.run`)."""
-
     def __init__(
         self, robot: Robot, planner: GlobalPlanner, follower: PurePursuit, parameters: ExploreParameters | None = None
     ) -> None:
@@ -131,16 +130,6 @@ class Explore:
         self._radius = robot.footprint.inscribed_radius
         self._turning_radius = robot.footprint.circumscribed_radius
         self._looks_around = {"auto": robot.lidar is None, "always": True, "never": False}[self.parameters.look_around]
-        self._compile()
-        self._forget()
-
-    def reset(self, rng: np.random.Generator) -> None:
-        """A new episode."""
-        self._planner.reset(rng)
-        self._follower.reset(rng)
-        self._forget()
-
-    def _forget(self) -> None:
         self._errand: _Errand | None = None
         self._given_up: set[tuple[int, int]] = set()  # unknown cells, as row and column counted from the map frame's origin
         self._looked: list[Array] = []  # where it has turned around
@@ -152,10 +141,11 @@ class Explore:
         self._local: Costmap | None = None  # around the robot, the unknown free in it
         self._closed: Costmap | None = None  # the same with the unknown as obstacle, where the robot looks around
         self._local_centre = np.zeros(2)
+        _warm_up()
 
-    def command(self, belief: Belief, mapper: Mapper, observation: Observation, goal: Goal | None) -> Command:
-        """Next command; `goal` does not matter. It waits where the mapper has no map yet."""
-        grid, pose, time = mapper.grid(), belief.pose, observation.time
+    def command(self, state: State, observation: Observation, goal: Goal | None) -> Command:
+        """Next command; `goal` does not matter. It waits while there is no map yet."""
+        grid, pose, time = None if state.map is None else state.map.grid(), state.belief.pose, observation.time
         if grid is None:
             return STOP
         p = self.parameters
@@ -167,23 +157,25 @@ class Explore:
         if self._turned is not None and (turn := self._turn_on(pose, time)) is not None:
             return turn
         trace: Trace = {}
+        work: Work = {}
         if self._must_decide(grid, pose, time):
             self._decided = time
             trace = self._decide(grid, pose, time)
+            work = {"replans": 1} if self._decisions > 1 else {}
             if self._errand is not None:
                 self._nothing_since = None
             elif self._nothing_since is None:
                 self._nothing_since = time
         if self._turned is not None:
-            return Drive(Twist(), trace=trace)
+            return Drive(Twist(), trace=trace, work=work)
         if self._errand is None:
             if self._nothing_since is None or time - self._nothing_since < p.look_time:
-                return replace(STOP, trace=trace)  # it may be but a passing error of the map that shuts the robot in
+                return replace(STOP, trace=trace, work=work)  # it may be but a passing error of the map that shuts the robot in
             known = float(np.count_nonzero(~grid.unknown)) * grid.resolution**2
-            return Done(f"explored: {known:.1f} m^2 are known, no frontier is left to go to", trace=trace)
+            return Done(f"explored: {known:.1f} m^2 are known, no frontier is left to go to", trace=trace, work=work)
         seen = self._closed if self._closed is not None and self._stands_free(self._closed, pose) else self._local
-        command = self._follower.command(belief, self._errand.path, seen, observation, self._errand.goal)
-        return replace(command, trace={**command.trace, **trace}) if trace else command
+        command = self._follower.command(state, self._errand.path, seen, observation, self._errand.goal)
+        return replace(command, trace={**command.trace, **trace}, work=work) if trace else command
 
     # -- when to think again ----------------------------------------------------------------------------------------------
 
@@ -353,7 +345,6 @@ class Explore:
         trace = {
             "frontiers": Points(grid.world_from_cell(cells), color=(235, 120, 20), radius=0.5 * grid.resolution),
             "frontiers_left": Scalar(len(frontiers)),
-            "replans": Scalar(max(0, self._decisions - 1)),
         }
         if self._errand is not None:
             x, y = self._errand.spot
@@ -363,20 +354,23 @@ class Explore:
             )
         return trace
 
-    def _compile(self) -> None:
-        """Compiles, or loads, what is called while driving."""
-        data = np.zeros((4, 4), dtype=np.int8)
-        data[:, 3] = -1
-        grid = OccupancyGrid(data, 1.0)
-        find_frontiers(known_space.ways(grid, self._radius), grid.unknown, (0, 0))
-        self._stands_free(Costmap(np.zeros((4, 4), dtype=np.uint8), 1.0), SE2(2.0, 2.0))
-        nearest_on_path(np.array([[0.5, 0.5], [1.5, 0.5]]), 0, 0.0, 0.0, 1.0)
+
+@warm_up
+def _warm_up() -> None:
+    data = np.zeros((4, 4), dtype=np.int8)
+    data[:, 3] = -1
+    grid = OccupancyGrid(data, 1.0)
+    find_frontiers(known_space.ways(grid, 0.1), grid.unknown, (0, 0))
+    footprint_free(np.zeros((4, 4), dtype=np.uint8), 2.0, 2.0, 0.0, np.ones((3, 2)))
+    nearest_on_path(np.array([[0.5, 0.5], [1.5, 0.5]]), 0, 0.0, 0.0, 1.0)
 
 
+@declares(explores=True)
 def build(context: Context, planner: Callable[[Context], GlobalPlanner], follower: Callable[[Context], PurePursuit]) -> Explore:
     """`explore`, of the factories of a global planner and of a path follower.
 
     The follower keeps more room and cuts corners less than in a world that is known: walls are seen to a few centimetres.
     """
-    careful = replace(context, parameters=_CAREFUL | context.parameters)
-    return Explore(context.robot, planner(context), follower(careful), context.parameters_of(ExploreParameters))
+    controller = context.part("controller")
+    careful = replace(controller, parameters=_CAREFUL | dict(controller.parameters))
+    return Explore(context.robot, planner(context.part("planner")), follower(careful), context.parameters_of(ExploreParameters))

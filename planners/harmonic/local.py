@@ -7,6 +7,7 @@ costs nothing. Here the streamline is drawn anew from the car at every tick, as 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +15,6 @@ import numpy as np
 from robocar.core import (
     INSCRIBED,
     SE2,
-    Belief,
     Context,
     Costmap,
     Drive,
@@ -25,9 +25,11 @@ from robocar.core import (
     OutsideMap,
     Path,
     PlanningError,
+    State,
     Text,
+    Trace,
 )
-from robocar.core.trace import PLAN_COLOR, Drawable
+from robocar.core.trace import PLAN_COLOR, Drawable, LazyTrace, merged
 from robocar.planners.controllers import pure_pursuit
 from robocar.planners.controllers.pure_pursuit import PurePursuit
 from robocar.planners.geometry.polyline import blocked_ahead
@@ -54,7 +56,7 @@ class HarmonicLocalParameters:
 
 
 class HarmonicLocal:
-    """Local planner: down the gradient of the potential of `planner`.
+    """Controller: down the gradient of the potential of `planner`.
 
     The streamline from the car is driven with pure pursuit's care for turns, clearance and the outline; at the next tick it is
     another one, from where the car is then. Where what has been seen since blocks it, the potential is solved again, starting
@@ -69,18 +71,10 @@ class HarmonicLocal:
     def __init__(self, planner: Harmonic, pursuit: PurePursuit, parameters: HarmonicLocalParameters | None = None) -> None:
         self.parameters = parameters or HarmonicLocalParameters()
         self.planner, self.pursuit = planner, pursuit
-        self._forget()
-
-    def reset(self, rng: np.random.Generator) -> None:
-        """A new episode; the planner's potential is its own to forget."""
-        self.pursuit.reset(rng)
-        self._forget()
-
-    def _forget(self) -> None:
         self._potential: Potential | None = None
         self._known: tuple[Path | None, Goal, SE2, tuple[int, int]] | None = None
 
-    def command(self, belief: Belief, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal) -> Drive:
+    def command(self, state: State, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal) -> Drive:
         """The twist for the next control period.
 
         Args:
@@ -88,20 +82,23 @@ class HarmonicLocal:
                 there is no costmap.
         """
         if costmap is None:
-            return self.pursuit.command(belief, path, None, observation, goal)
+            return self.pursuit.command(state, path, None, observation, goal)
+        pose = state.belief.pose
         known, cycles = (path, goal, costmap.origin, costmap.shape), 0
-        way = self._way(costmap, belief.pose, goal) if known == self._known else None
+        way = self._way(costmap, pose, goal) if known == self._known else None
         if way is None:
             try:
                 self._potential, cycles = self.planner.potential(costmap, costmap.cell_inside(goal.position, "goal"))
             except PlanningError:
-                return self.pursuit.command(belief, path, costmap, observation, goal)
+                return self.pursuit.command(state, path, costmap, observation, goal)
             self._known = known
-            way = self._way(costmap, belief.pose, goal)
+            way = self._way(costmap, pose, goal)
         if way is None:
-            return self.pursuit.command(belief, path, costmap, observation, goal)
-        command = self.pursuit.command(belief, way, costmap, observation, goal)
-        return replace(command, trace={**self._trace(costmap, way, cycles), **command.trace})
+            return self.pursuit.command(state, path, costmap, observation, goal)
+        command = self.pursuit.command(state, way, costmap, observation, goal)
+        return replace(
+            command, trace=merged(command.trace, self._trace(costmap, way, cycles)), work={"cycles": cycles} if cycles else {}
+        )
 
     def _way(self, costmap: Costmap, pose: SE2, goal: Goal) -> Path | None:
         """The streamline from the car up to the horizon, or to the goal; from the nearest free cell where the car stands in
@@ -123,19 +120,19 @@ class HarmonicLocal:
             points[-1] = goal.position
         return Path(np.concatenate([[pose.position], points]))
 
-    def _trace(self, costmap: Costmap, way: Path, cycles: int) -> dict[str, Drawable]:
+    def _trace(self, costmap: Costmap, way: Path, cycles: int) -> Trace:
         """The streamline ahead and, after a solution, the new potential."""
-        trace: dict[str, Drawable] = {"local": Lines((way.points,), color=PLAN_COLOR, radius=0.02)}
+        makers: dict[str, Callable[[], Drawable]] = {"local": lambda: Lines((way.points,), color=PLAN_COLOR, radius=0.02)}
         if cycles:
             assert self._potential is not None
-            trace |= {name: make() for name, make in harmonic.drawn(self._potential, costmap).items()}
-            trace["harmonic_local"] = Text(f"the way ahead is blocked: potential solved again in {cycles} cycles")
-        return trace
+            makers |= harmonic.drawn(self._potential, costmap)
+            makers["harmonic_local"] = lambda: Text(f"the way ahead is blocked: potential solved again in {cycles} cycles")
+        return LazyTrace(makers)
 
 
 def build(context: Context) -> PlanAndFollow:
     """The navigator: the harmonic planner and, on its potential, the local one."""
-    planner = harmonic.build(context)
+    planner = harmonic.build(context.part("planner"))
 
     def local(context: Context) -> HarmonicLocal:
         return HarmonicLocal(planner, pure_pursuit.build(context), context.parameters_of(HarmonicLocalParameters))

@@ -8,17 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robocar.core import LETHAL, Array, Context, Costmap, Field, Lines, NoPathFound, Path, Plan, Scalar
-from robocar.core.trace import Drawable
+from robocar.core.compiling import warm_up
+from robocar.core.trace import Drawable, LazyTrace
 from robocar.planners.harmonic.laplace.problem import LaplaceProblem, laplace_problem
 from robocar.planners.harmonic.laplace.solver import REACHABLE, Potential, solve
 from robocar.planners.harmonic.streamline import descend, streamline
-from robocar.planners.search.grid_search import LazyTrace, endpoints, no_path
+from robocar.planners.search.grid_search import endpoints, no_path
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class HarmonicParameters:
 class Harmonic:
     """Global planner: streamlines of the harmonic potential on the costmap's free cells.
 
-    The cost of its plans is the path's length [m]; `expanded` counts the cycles of the solver. The potential belongs to a
+    The cost of its plans is the path's length [m]; its work counts the cycles of the solver. The potential belongs to a
     goal, not to a start: it is kept, used again for the next start, and is where the solver starts from when the map changes.
     """
 
@@ -66,11 +66,7 @@ class Harmonic:
         self.parameters = parameters or HarmonicParameters()
         self._potential: Potential | None = None
         self._blocked: NDArray[np.bool_] | None = None
-
-    def reset(self, rng: np.random.Generator) -> None:
-        """Forget the last potential."""
-        self._potential = None
-        self._blocked = None
+        _warm_up()
 
     def plan(self, costmap: Costmap, start: Array, goal: Array) -> Plan:
         """Path from `start` to `goal`, both (2,) [m].
@@ -91,7 +87,7 @@ class Harmonic:
             points[-1] = goal  # its cell is convex with the one before
         path = Path(points)
         shown = drawn(potential, costmap) | {"harmonic/streamline": lambda: Lines((path.points,))}
-        return Plan(path, path.length, cycles, LazyTrace(shown))
+        return Plan(path, path.length, {"cycles": cycles}, LazyTrace(shown))
 
     def potential(self, costmap: Costmap, goal_cell: tuple[int, int]) -> tuple[Potential, int]:
         """The potential of a goal's cell (row, col), and the cycles that finding it took now."""
@@ -131,13 +127,12 @@ def _decades(potential: Potential) -> Array:
 
 def build(context: Context) -> Harmonic:
     """The planner with the parameters of the context."""
-    _compile()
     return Harmonic(context.parameters_of(HarmonicParameters))
 
 
-@cache
-def _compile() -> None:
-    """Compiles here, not in the control loop: a corridor is eliminated, a hall needs multigrid, then a warm start in a window."""
+@warm_up
+def _warm_up() -> None:
+    """A corridor is eliminated, a hall needs multigrid, then a warm start in a window."""
     corridor, hall, changed = np.zeros((2, 9)), np.zeros((80, 80)), np.zeros((80, 80))
     changed[20:23, 20:23] = LETHAL
     for smooth in (True, False):

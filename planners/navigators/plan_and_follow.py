@@ -1,11 +1,11 @@
-"""The navigator that plans on the map and has a local planner follow the path; those that avoid obstacles on their own, too."""
+"""The navigator that plans on the map and has a controller follow the path; those that avoid obstacles on their own, too."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,30 +13,32 @@ from robocar.core import (
     SE2,
     STOP,
     Array,
-    Belief,
     Command,
     Context,
+    Controller,
     Costmap,
+    Drive,
+    EvadingController,
     Field,
     GiveUp,
     GlobalPlanner,
     Goal,
     GoalOccupied,
     Lines,
-    LocalPlanner,
-    Mapper,
     NoPathFound,
     Observation,
     OutsideMap,
     Path,
     Plan,
     PlanningError,
-    Scalar,
     StartOccupied,
+    State,
     Text,
     Trace,
 )
-from robocar.core.trace import PLAN_COLOR
+from robocar.core.compiling import warm_up
+from robocar.core.trace import PLAN_COLOR, LazyTrace, merged
+from robocar.core.work import Work, total
 from robocar.planners.controllers.pure_pursuit import STOPPING_SHARE
 from robocar.planners.costmap import layered as layered
 from robocar.planners.costmap.layered import LayeredCostmap
@@ -44,7 +46,7 @@ from robocar.planners.costmap.rolling import RollingCostmap, RollingCostmapParam
 from robocar.planners.geometry.polyline import blocked_ahead, nearest_on_path
 from robocar.planners.navigators import recovery as behaviours
 from robocar.planners.navigators.recovery import Recovery, Watch, standing
-from robocar.planners.search.grid_search import LazyTrace, nearest_free
+from robocar.planners.search.grid_search import nearest_free
 
 _SHOW_PERIOD = 1.0  # [s] of the local costmap in the recording
 _GOAL_SHIFT = 0.75  # of the goal's tolerance, the farthest that a blocked goal is moved: the rest is left for arriving
@@ -78,67 +80,59 @@ class NavigatorParameters:
             raise ValueError(f"planner_frequency must not be negative, not {self.planner_frequency}")
 
 
+class EvasiveRecovery(NamedTuple):
+    """What is tried before giving up, and who gets out of the way of what comes meanwhile."""
+
+    behaviours: Recovery
+    evade: Callable[[State, Costmap, Observation], Drive | None]
+
+
 class PlanAndFollow:
-    """A global planner on a layered costmap, and a local planner that follows its path.
+    """A global planner on a layered costmap, and a controller that follows its path.
 
     It plans for every new goal, and again when what is seen blocks the rest of the path or the robot has left it. Where there is
     no path, the obstacle layer, which holds misplaced echoes too, is forgotten and the plan tried again; if that fails, or if it
     has been done less than `clearing_distance` ago or `max_clearings` times, the navigator gives up with the planner's reason.
 
     Args:
-        local_costmap: what the local planner is given, a window around the robot; by default the planner's costmap.
-        recovery: what is tried before giving up, also where the local planner gives up, or progress is lost; by default nothing.
+        local_costmap: what the controller is given, a window around the robot; by default the planner's costmap.
+        recovery: what is tried before giving up, also where the controller gives up, or progress is lost; by default nothing.
     """
 
     def __init__(
         self,
         global_planner: GlobalPlanner,
-        local_planner: LocalPlanner,
+        controller: Controller,
         costmap: LayeredCostmap,
         parameters: NavigatorParameters | None = None,
         local_costmap: RollingCostmap | None = None,
-        recovery: Recovery | None = None,
+        recovery: EvasiveRecovery | None = None,
     ) -> None:
         self.parameters = parameters or NavigatorParameters()
-        self.local_costmap, self.recovery = local_costmap, recovery
-        self._watch = Watch(recovery.parameters) if recovery is not None else None
-        self.global_planner, self.local_planner, self.costmap = global_planner, local_planner, costmap
-        # Compiled here, not in the control loop.
-        points = np.array([[0.5, 0.5], [1.5, 0.5]])
-        nearest_on_path(points, 0, 0.0, 0.0, 1.0)
-        blocked_ahead(_read_only(np.zeros((2, 2), dtype=np.uint8)), points, 0)
-        self._forget()
-
-    def reset(self, rng: np.random.Generator) -> None:
-        """A new episode: forgets path, obstacles seen and counts."""
-        self.global_planner.reset(rng)
-        self.local_planner.reset(rng)
-        self._clear()
-        self._forget()
-
-    def _clear(self) -> None:
-        self.costmap.clear()
-        if self.local_costmap is not None:
-            self.local_costmap.clear()
-
-    def _forget(self) -> None:
-        self.replans = 0
+        self.local_costmap = local_costmap
+        self.recovery = recovery.behaviours if recovery is not None else None
+        self._evade = recovery.evade if recovery is not None else None
+        self._watch = Watch(recovery.behaviours.parameters) if recovery is not None else None
+        self.global_planner, self.controller, self.costmap = global_planner, controller, costmap
         self._planned_at = self._shown_at = -math.inf
-        if self.recovery is not None and self._watch is not None:
-            self.recovery.forget()
-            self._watch.forget()
         self._goal: Goal | None = None
         self._target: Goal | None = None
         self._path: Path | None = None
         self._cleared_at: Array | None = None
         self._clearings = 0
         self._bare = False
+        _warm_up()
 
-    def command(self, belief: Belief, mapper: Mapper, observation: Observation, goal: Goal | None) -> Command:
-        """Next command; `GiveUp` (`no_path`) where the planner finds no way. `mapper` is not needed: the costmap is the map."""
+    def _clear(self) -> None:
+        self.costmap.clear()
+        if self.local_costmap is not None:
+            self.local_costmap.clear()
+
+    def command(self, state: State, observation: Observation, goal: Goal | None) -> Command:
+        """Next command; `GiveUp` (`no_path`) where the planner finds no way."""
         if goal is None:
             return GiveUp("a navigator that plans needs a goal")
-        pose = belief.pose
+        pose = state.belief.pose
         new_goal = self._goal is None or not _same_goal(goal, self._goal)
         if new_goal:
             self._clearings = 0
@@ -146,45 +140,46 @@ class PlanAndFollow:
         self.costmap.update(pose, observation)
         if self.local_costmap is not None:
             self.local_costmap.update(pose, observation)
+        time = observation.time
         if self._watch is not None and (silent := self._watch.silent(observation)):
             self._watch.restart()
             return standing(f"no reading of the {silent}: standing")
-        if self.recovery is not None and self.recovery.running and (evasion := self._evasion(belief, observation)) is not None:
+        if self.recovery is not None and self.recovery.running and (evasion := self._evasion(state, observation)) is not None:
             return evasion
-        if self.recovery is not None and (step := self.recovery.step(pose, self._local(), observation.time)) is not None:
+        if self.recovery is not None and (step := self.recovery.step(pose, self._local(), time)) is not None:
             return step
         trace: Trace = {}
-        reason = "new goal" if new_goal else self._reason_to_replan(pose, observation.time)
+        work: Work = {}
+        reason = "new goal" if new_goal else self._reason_to_replan(pose, time)
         if reason:
             try:
                 plan = self._plan(pose, goal)
             except PlanningError as error:
                 self._goal, self._path = goal, None
-                return self._failed(pose, observation.time, GiveUp(str(error), trace=error.trace), error)
-            self.replans += 0 if new_goal else 1
-            self._goal, self._planned_at = goal, observation.time
+                return self._failed(pose, time, GiveUp(str(error), trace=error.trace), error)
+            work = plan.work if new_goal else {"replans": 1, **plan.work}
+            self._goal, self._planned_at = goal, time
             self._follow(plan.path)
             trace = self._plan_trace(plan, reason)
         assert self._target is not None
         if _arrived(pose, self._target):
-            return replace(STOP, trace=trace)
-        command = self.local_planner.command(belief, self._path, self._local(), observation, self._target)
+            return replace(STOP, trace=trace, work=work)
+        command = self.controller.command(state, self._path, self._local(), observation, self._target)
         if isinstance(command, GiveUp):
-            command = self._failed(pose, observation.time, command)
-        elif self._watch is not None and self._watch.lost_progress(pose, observation.time):
-            command = self._failed(pose, observation.time, GiveUp("no progress", "stuck"))
-        if self.local_costmap is not None and observation.time - self._shown_at >= _SHOW_PERIOD:
-            self._shown_at = observation.time
-            trace = _merged(trace, {"costmap/local": Field(self._local())})
-        return replace(command, trace=_merged(trace, command.trace)) if trace else command
+            command = self._failed(pose, time, command)
+        elif self._watch is not None and self._watch.lost_progress(pose, time):
+            command = self._failed(pose, time, GiveUp("no progress", "stuck"))
+        if self.local_costmap is not None and time - self._shown_at >= _SHOW_PERIOD:
+            self._shown_at = time
+            trace = merged(trace, {"costmap/local": Field(self._local())})
+        return replace(command, trace=merged(trace, command.trace), work=total(work, command.work)) if trace else command
 
-    def _evasion(self, belief: Belief, observation: Observation) -> Command | None:
-        """Out of the way of something that comes during a recovery, which goes on afterwards, if the local planner knows how."""
-        evade = getattr(self.local_planner, "evade", None)
-        return None if evade is None else evade(belief, self._local(), observation)
+    def _evasion(self, state: State, observation: Observation) -> Command | None:
+        """Out of the way of something that comes during a recovery, which goes on afterwards."""
+        return None if self._evade is None else self._evade(state, self._local(), observation)
 
     def _local(self) -> Costmap:
-        """What the local planner is given."""
+        """What the controller is given."""
         return (self.local_costmap or self.costmap).costmap()
 
     def _failed(self, pose: SE2, time: float, failure: GiveUp, error: PlanningError | None = None) -> Command:
@@ -285,14 +280,10 @@ class PlanAndFollow:
     def _plan_trace(self, plan: Plan, reason: str) -> Trace:
         """What a (re)planning shows: path, count, reason, costmap, and what the planner shows of its search."""
         costmap = self.costmap.costmap()
-        message = f"{reason}: path of {plan.path.length:.2f} m, {plan.expanded} expanded"
-        return _merged(
-            {
-                "global": Lines((plan.path.points,), color=PLAN_COLOR, radius=0.012),
-                "replans": Scalar(self.replans),
-                "expanded": Scalar(plan.expanded),
-                "plan": Text(message),
-            },
+        took = ", ".join(f"{count} {unit}" for unit, count in plan.work.items())
+        message = f"{reason}: path of {plan.path.length:.2f} m, {took}"
+        return merged(
+            {"global": Lines((plan.path.points,), color=PLAN_COLOR, radius=0.012), "plan": Text(message)},
             LazyTrace({"costmap" if self.local_costmap is None else "costmap/global": lambda: Field(costmap)}),
             plan.trace,
         )
@@ -300,37 +291,51 @@ class PlanAndFollow:
 
 def plan_and_follow(
     context: Context,
-    global_builder: Callable[[Context], GlobalPlanner],
-    local_builder: Callable[[Context], LocalPlanner],
+    planner: Callable[[Context], GlobalPlanner],
+    controller: Callable[[Context], Controller],
 ) -> PlanAndFollow:
     """The navigator of two factories `build(context)`, on a costmap of the context's prior map."""
-    costmap = LayeredCostmap(context.prior, context.robot, context.parameters_of(layered.CostmapParameters))
-    if context.start is not None:
-        costmap.cover([(context.start.x, context.start.y)])
-    return PlanAndFollow(global_builder(context), local_builder(context), costmap, context.parameters_of(NavigatorParameters))
+    return PlanAndFollow(
+        planner(context.part("planner")),
+        controller(context.part("controller")),
+        _costmap(context),
+        context.parameters_of(NavigatorParameters),
+    )
 
 
 def plan_and_avoid(
     context: Context,
-    global_builder: Callable[[Context], GlobalPlanner],
-    local_builder: Callable[[Context], LocalPlanner],
+    planner: Callable[[Context], GlobalPlanner],
+    controller: Callable[[Context], EvadingController],
 ) -> PlanAndFollow:
-    """The same over two costmaps and with recovery behaviours, for local planners that look for their own way."""
-    navigator = plan_and_follow(context, global_builder, local_builder)
-    local = RollingCostmap(
-        context.prior,
-        context.robot,
-        context.parameters_of(layered.CostmapParameters),
-        context.parameters_of(RollingCostmapParameters),
-    )
-    recovery = behaviours.build(context)
+    """The same over two costmaps and with recovery behaviours, for controllers that look for their own way."""
+    costmap = context.part("costmap")
+    driver = controller(context.part("controller"))
     return PlanAndFollow(
-        navigator.global_planner, navigator.local_planner, navigator.costmap, navigator.parameters, local, recovery
+        planner(context.part("planner")),
+        driver,
+        _costmap(context),
+        context.parameters_of(NavigatorParameters),
+        RollingCostmap(
+            context.prior,
+            context.robot,
+            costmap.parameters_of(layered.CostmapParameters),
+            costmap.parameters_of(RollingCostmapParameters),
+        ),
+        EvasiveRecovery(behaviours.build(context.part("recovery")), driver.evade),
     )
+
+
+def _costmap(context: Context) -> LayeredCostmap:
+    """Of the prior map; without one it begins around the start."""
+    costmap = LayeredCostmap(context.prior, context.robot, context.part("costmap").parameters_of(layered.CostmapParameters))
+    if context.start is not None:
+        costmap.cover([(context.start.x, context.start.y)])
+    return costmap
 
 
 def _arrived(pose: SE2, goal: Goal) -> bool:
-    """Well inside the tolerances, where a local planner is to stop."""
+    """Well inside the tolerances, where a controller is to stop."""
     if math.hypot(pose.x - goal.position[0], pose.y - goal.position[1]) > STOPPING_SHARE * goal.xy_goal_tolerance:
         return False
     turn = 0.0 if goal.heading is None else math.remainder(pose.theta - goal.heading, math.tau)
@@ -352,11 +357,9 @@ def _substitute(costmap: Costmap, blocked: Array, wanted: Array, reach: float) -
     return nearest
 
 
-def _merged(*traces: Trace) -> Trace:
-    """All of them, still lazy; the first counts where a name is used twice."""
-    return LazyTrace({name: partial(trace.__getitem__, name) for trace in reversed(traces) for name in trace})
-
-
-def _read_only(array: np.ndarray) -> np.ndarray:
-    array.flags.writeable = False
-    return array
+@warm_up
+def _warm_up() -> None:
+    points, costs = np.array([[0.5, 0.5], [1.5, 0.5]]), np.zeros((2, 2), dtype=np.uint8)
+    costs.flags.writeable = False
+    nearest_on_path(points, 0, 0.0, 0.0, 1.0)
+    blocked_ahead(costs, points, 0)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robocar.core import SE2, STOP, Array, Context, Costmap, Drive, Observation, Robot, Text, Twist
+from robocar.core.compiling import trial_robot, warm_up
 from robocar.planners.geometry.outlines import CostmapView, Outlines
 
 _ORDER = ("clear", "back_up", "spin", "wait")
@@ -59,20 +60,12 @@ class Recovery:
         self.parameters = parameters or RecoveryParameters()
         self._limits, self._dt = robot.limits, control_period
         self._outlines = Outlines(robot.footprint, 0.0)
-        self.forget()
-        # Compiled here, not in the control loop.
-        for name in _ORDER:
-            self.start(name, SE2(), 0.0)
-            self.step(SE2(), Costmap(np.zeros((3, 3), dtype=np.uint8), 1.0), 0.0)
-        self.forget()
-
-    def forget(self) -> None:
-        """A new episode."""
         self.count = self._waits = 0
         self.message = ""
         self._began_at: Array | None = None
         self._running = ""
         self._last = Twist()
+        _warm_up()
 
     @property
     def running(self) -> bool:
@@ -158,10 +151,6 @@ class Watch:
 
     def __init__(self, parameters: RecoveryParameters) -> None:
         self.parameters = parameters
-        self.forget()
-
-    def forget(self) -> None:
-        """A new episode."""
         self._anchor: SE2 | None = None
         self._since = 0.0
         self._heard: dict[str, float] = {}
@@ -183,6 +172,14 @@ class Watch:
             if new:
                 self._heard[name] = time
         return " and ".join(name for name, last in self._heard.items() if time - last > self.parameters.scan_timeout + 1e-9)
+
+
+@warm_up
+def _warm_up() -> None:
+    recovery = Recovery(trial_robot(), 0.1)
+    for name in _ORDER:
+        recovery.start(name, SE2(), 0.0)
+        recovery.step(SE2(), Costmap(np.zeros((3, 3), dtype=np.uint8), 1.0), 0.0)
 
 
 def build(context: Context) -> Recovery:

@@ -65,7 +65,13 @@ def directions(heading: float, width: float, count: int) -> Array:
 
 
 def fan(
-    headings: Array, clearance: Array, x: float, y: float, reach: float, resolution: float, closed: bool, limit: float = math.inf
+    headings: Array,
+    clearance: Array,
+    position: tuple[float, float],
+    reach: float,
+    resolution: float,
+    closed: bool,
+    limit: float = math.inf,
 ) -> Fan:
     """Contact distances and totals of the directions (eq. 2, 3).
 
@@ -73,12 +79,13 @@ def fan(
         headings: (n,) [rad].
         clearance: distance of each cell to the nearest obstacle of the pessimistic model, obstacles grown by the robot's size,
             (rows, cols) [cells]; 0 or less where blocked. Outside the grid all is blocked.
-        x, y: the robot in grid coordinates [cells].
+        position: of the robot in grid coordinates (column, row) [cells].
         reach: r_max [m].
         resolution: of the grid [m].
+        closed: whether the directions go all round.
         limit: up to which cells count for N [m].
     """
-    lengths, totals = _walk(clearance, x, y, headings, reach / resolution, min(limit, reach) / resolution)
+    lengths, totals = _walk(clearance, *position, headings, reach / resolution, min(limit, reach) / resolution)
     return Fan(headings, lengths * resolution, totals * resolution**2, closed)
 
 

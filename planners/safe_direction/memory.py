@@ -7,7 +7,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robocar.core import SE2, GridMap
-from robocar.planners.safe_direction.view import Readings, window
+from robocar.core.grid import cutout
+from robocar.planners.safe_direction.view import Readings, offset, window
 
 _HIT, _MOST, _FREE = 2, 4, -1  # evidence of one hit, its cap, and of a cell that was seen through and is empty
 
@@ -30,10 +31,11 @@ class RollingMemory:
     def merge(self, pose: SE2, seen: Readings) -> Readings:
         """All that is known around `pose` (world_from_robot), with a scan taken in, on the memory's own cells."""
         place = window(pose, 0.5 * self.size, self.resolution)
-        evidence = np.zeros(place.shape, dtype=np.int8)
-        if self._place is not None:
-            _overlap(self._evidence, evidence, *_offset(self._place, place))
-        row, col = _offset(seen.grid, place)
+        if self._place is None:
+            evidence = np.zeros(place.shape, dtype=np.int8)
+        else:
+            evidence = cutout(self._evidence, *offset(place, self._place), place.shape)
+        row, col = offset(seen.grid, place)
         rows, cols = seen.grid.shape
         _learn(evidence, seen.free, seen.occupied, row, col, rows, cols)
         self._place, self._evidence = place, evidence
@@ -41,20 +43,6 @@ class RollingMemory:
         for edge in (np.s_[0, :], np.s_[-1, :], np.s_[:, 0], np.s_[:, -1]):
             free[edge] = occupied[edge] = False  # the way round outside stays open
         return Readings(place, free, occupied, *(place.grid_from_world(pose.position).tolist()))
-
-
-def _offset(inner: GridMap, outer: GridMap) -> tuple[int, int]:
-    """Where cell (0, 0) of one grid lies on another of the same lattice."""
-    r = outer.resolution
-    return round((inner.origin.y - outer.origin.y) / r), round((inner.origin.x - outer.origin.x) / r)
-
-
-def _overlap(source: NDArray, target: NDArray, row: int, col: int) -> None:
-    """Copies what both hold; cell (0, 0) of the source lies at (row, col) of the target."""
-    r0, r1 = max(0, row), min(target.shape[0], row + source.shape[0])
-    c0, c1 = max(0, col), min(target.shape[1], col + source.shape[1])
-    if r0 < r1 and c0 < c1:
-        target[r0:r1, c0:c1] = source[r0 - row : r1 - row, c0 - col : c1 - col]
 
 
 @njit(cache=True)

@@ -166,7 +166,7 @@ class Directions:
             distance = self._distance(blocked, (gx, gy), (row, col))
             if slim == growth == self._growths[0]:
                 distance = self._consistent(distance, blocked, seen, (gx, gy), bound / r)
-            found = fan(headings, clearance, seen.x, seen.y, self.sector.reach, r, self.sector.whole, p.safe_range)
+            found = fan(headings, clearance, (seen.x, seen.y), self.sector.reach, r, self.sector.whole, p.safe_range)
             shortest = shortest_direction(distance, seen.x, seen.y, (gx, gy), self.sector.reach / r)
             if shortest is None:
                 continue

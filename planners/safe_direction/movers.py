@@ -16,6 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robocar.core import SE2, Costmap, Observation, Robot, Twist
+from robocar.core.compiling import warm_up
 from robocar.planners.geometry.outlines import CostmapView, Outlines
 from robocar.planners.safe_direction.view import Readings, leading_edges
 from robocar.planners.tracking.moving_obstacles import NONE, MovingObstacles
@@ -44,12 +45,7 @@ class Movers:
         self._robot, self._speed, self._padding, self._reaction = robot, obstacle_speed, padding, reaction
         self._followed = MovingObstacles(robot)
         self._outlines = Outlines(robot.footprint, 0.0)
-        _least_gap(NONE, 0.0, 0.0, 0.0, 0.1, 0.1, 1.0)  # compiled here, not in the control loop
-        self.forget()
-
-    def forget(self) -> None:
-        """A new episode."""
-        self._followed.forget()
+        _warm_up()
         self._discs = NONE
         self._dodge: Twist | None = None
         self._recent: deque[tuple[float, Readings]] = deque()
@@ -205,3 +201,8 @@ def _least_gap(discs: NDArray, x: float, y: float, theta: float, v: float, omega
             dx, dy = discs[i, 0] + time * discs[i, 2] - px, discs[i, 1] + time * discs[i, 3] - py
             gap = min(gap, math.hypot(dx, dy) - discs[i, 4])
     return gap
+
+
+@warm_up
+def _warm_up() -> None:
+    _least_gap(NONE, 0.0, 0.0, 0.0, 0.1, 0.1, 1.0)

@@ -30,10 +30,12 @@ from robocar.core import (
     Path,
     Robot,
     Scan,
+    State,
     Text,
     Twist,
 )
-from robocar.core.trace import Drawable
+from robocar.core.compiling import trial_robot, warm_up
+from robocar.core.trace import Drawable, LazyTrace
 from robocar.planners.controllers import pure_pursuit
 from robocar.planners.controllers.pure_pursuit import STOPPING_SHARE, PurePursuit
 from robocar.planners.navigators.reactive import Reactive
@@ -44,7 +46,6 @@ from robocar.planners.safe_direction.movers import Movers
 from robocar.planners.safe_direction.progress import SafeDirectionProgress
 from robocar.planners.safe_direction.trace import pictures
 from robocar.planners.safe_direction.view import DirectionPanorama, Readings, sector_of
-from robocar.planners.search.grid_search import LazyTrace
 from robocar.planners.search.transforms import descend, obstacle_transform
 
 Makers: TypeAlias = dict[str, Callable[[], Drawable]]
@@ -57,7 +58,7 @@ _PICTURE = 5  # decisions from one picture of the grids in the recording to the 
 
 
 class SafeDirection:
-    """Local planner: decides at each scan, and drives to the local target by pure pursuit.
+    """Controller: decides at each scan, and drives to the local target by pure pursuit.
 
     The paper's loop is scan, decide, drive to the local target, scan again. Here each scan decides anew, so that what moves is
     seen at once; but a decision to turn round waits until the local target is reached, or its way blocked. Deciding that at once,
@@ -82,59 +83,27 @@ class SafeDirection:
         self.panorama = DirectionPanorama(self.sector, p.resolution, JOINED)
         self.movers = Movers(robot, p.obstacle_speed, p.padding, period)
         self.progress = SafeDirectionProgress(p, memory)
-        self._forget()
-        self._compile()
-
-    def _compile(self) -> None:
-        """Compiles here, not in the control loop: a look around a closed room, and the bound carried from it."""
-        sensors = (self.robot.lidar,) if self.robot.lidar is not None else self.robot.sonars
-        scans = tuple(
-            Scan(0.0, np.full(len(s.bearings), 1.0), s.bearings, s.max_range, s.beam_width, s.robot_from_sensor) for s in sensors
-        )
-        laser = scans[0] if self.robot.lidar is not None else None
-        observation = Observation(0.0, sonars=() if laser is not None else scans, lidar=laser)
-        for x in (0.3, 20.0):
-            goal = Goal(np.array([x, 0.1]))
-            self.command(Belief(SE2()), None, None, observation, goal)
-            seen = self.directions.readings(SE2(), self.panorama)
-            self.directions.decide(seen, 0.0, goal.position, 100.0)
-        fan(np.zeros(3), np.ones((3, 3)), 1.5, 1.5, 1.0, 1.0, True)
-        descend(np.ones((3, 3)), (1, 1))
-        self.reset(np.random.default_rng(0))
-
-    def reset(self, rng: np.random.Generator) -> None:
-        """A new episode; there is no chance in it."""
-        self.pursuit.reset(rng)
-        self._forget()
-
-    def _forget(self) -> None:
-        self.panorama.forget()
-        if self.memory is not None:
-            self.memory.forget()
         self._last: Command = STOP
         self._looked = -math.inf  # [s] time of the last scan
         self._target: Array | None = None
         self._goal: Goal | None = None
-        self.movers.forget()
-        self.progress.forget()
         self._turning = self._dodges = False
         self._decisions = 0
+        _warm_up(robot.lidar is not None)
 
-    def command(
-        self, belief: Belief, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal
-    ) -> Command:
+    def command(self, state: State, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal) -> Command:
         """The next command; `path` and `costmap` are not needed."""
         laser = observation.lidar if self.robot.lidar is not None else None
         if laser is None and (self.robot.lidar is not None or not observation.sonars):
             # The sonars of a car with a laser say nothing here; a laser that has fallen silent stops it.
             return self._last if observation.time - self._looked <= 5.0 * self._period else STOP
         self._looked = observation.time
-        command = self._decide_and_drive(belief, observation, goal)
+        command = self._decide_and_drive(state, observation, goal)
         self._last = replace(command, trace={})
         return command
 
-    def _decide_and_drive(self, belief: Belief, observation: Observation, goal: Goal) -> Command:
-        pose = belief.pose
+    def _decide_and_drive(self, state: State, observation: Observation, goal: Goal) -> Command:
+        pose = state.belief.pose
         if self._goal is None or not np.array_equal(self._goal.position, goal.position):
             self._goal, self._target = goal, None
             self.progress.new_goal()
@@ -157,14 +126,14 @@ class SafeDirection:
         if trouble is not None:
             return trouble
         if math.dist(pose.position, goal.position) <= STOPPING_SHARE * goal.xy_goal_tolerance:
-            return self._drive(belief, seen, np.array(goal.position), observation, goal, {})
+            return self._drive(state, seen, np.array(goal.position), observation, goal, {})
         notes: Makers = {}
         turn = self._new_target(pose, decision, goal, notes)
         trace = pictures(decision, pose.position, self._target, grids=self._decisions % _PICTURE == 1) | notes
         if turn is not None:
-            return self._rotate(belief, seen, turn, observation, trace)
+            return self._rotate(state, seen, turn, observation, trace)
         assert self._target is not None
-        return self._drive(belief, seen, self._target, observation, goal, trace)
+        return self._drive(state, seen, self._target, observation, goal, trace)
 
     # -- where to -------------------------------------------------------------------------------------------------------
 
@@ -225,19 +194,20 @@ class SafeDirection:
 
     # -- motion ---------------------------------------------------------------------------------------------------------
 
-    def _drive(self, belief: Belief, seen: Readings, target: Array, observation: Observation, goal: Goal, shown: Makers) -> Drive:
+    def _drive(self, state: State, seen: Readings, target: Array, observation: Observation, goal: Goal, shown: Makers) -> Drive:
         """Pure pursuit of the straight way to the target, slow enough for what may come the other way."""
-        path, costmap = Path(np.stack([belief.pose.position, target])), self._costmap(seen)
-        drive = self.pursuit.command(belief, path, costmap, observation, goal)
-        slowed = self.movers.slowed(drive.twist, seen, belief.pose)
-        return self._dodging(drive, slowed, seen, belief.pose, shown)
+        pose, costmap = state.belief.pose, self._costmap(seen)
+        path = Path(np.stack([pose.position, target]))
+        drive = self.pursuit.command(state, path, costmap, observation, goal)
+        slowed = self.movers.slowed(drive.twist, seen, pose)
+        return self._dodging(drive, slowed, seen, pose, shown)
 
-    def _rotate(self, belief: Belief, seen: Readings, heading: float, observation: Observation, shown: Makers) -> Drive:
+    def _rotate(self, state: State, seen: Readings, heading: float, observation: Observation, shown: Makers) -> Drive:
         """Turns on the spot."""
-        here = belief.pose.position
-        goal, costmap = Goal(here, heading, yaw_goal_tolerance=0.1), self._costmap(seen)
-        drive = self.pursuit.command(belief, None, costmap, observation, goal)
-        return self._dodging(drive, drive.twist, seen, belief.pose, shown)
+        pose = state.belief.pose
+        goal, costmap = Goal(pose.position, heading, yaw_goal_tolerance=0.1), self._costmap(seen)
+        drive = self.pursuit.command(state, None, costmap, observation, goal)
+        return self._dodging(drive, drive.twist, seen, pose, shown)
 
     def _dodging(self, wanted: Drive, twist: Twist, seen: Readings, pose: SE2, shown: Makers) -> Drive:
         """Out of the way of what comes, where the twist does not lead there; not backwards to where a sector does not look."""
@@ -256,6 +226,27 @@ class SafeDirection:
         return Costmap(np.where(seen.occupied, np.uint8(LETHAL), np.uint8(0)), seen.grid.resolution, seen.grid.origin)
 
 
+@warm_up
+def _warm_up(laser: bool) -> None:
+    """A look around a closed room, and the bound carried from it."""
+    robot = trial_robot(laser)
+    sensors = (robot.lidar,) if robot.lidar is not None else robot.sonars
+    scans = tuple(
+        Scan(0.0, np.full(len(s.bearings), 1.0), s.bearings, s.max_range, s.beam_width, s.robot_from_sensor) for s in sensors
+    )
+    observation = Observation(0.0, lidar=scans[0]) if laser else Observation(0.0, sonars=scans)
+    p = SafeDirectionParameters()
+    memory = RollingMemory(p.memory_size, p.resolution) if laser else None
+    planner = SafeDirection(robot, 0.1, PurePursuit(robot, 0.1), memory, p)
+    for x in (0.3, 20.0):
+        goal = Goal(np.array([x, 0.1]))
+        planner.command(State.of(Belief(SE2())), None, None, observation, goal)
+        seen = planner.directions.readings(SE2(), planner.panorama)
+        planner.directions.decide(seen, 0.0, goal.position, 100.0)
+    fan(np.zeros(3), np.ones((3, 3)), (1.5, 1.5), 1.0, 1.0, True)
+    descend(np.ones((3, 3)), (1, 1))
+
+
 def build(context: Context) -> Reactive:
     """The paper's navigator: only what is in sight counts."""
     return _navigator(context, remembers=False)
@@ -271,7 +262,7 @@ def _navigator(context: Context, remembers: bool) -> Reactive:
     sector_of(robot, parameters.view_angle, parameters.max_range)  # before anything is compiled
     sensors = (robot.lidar,) if robot.lidar is not None else robot.sonars
     period = max(context.control_period, *(sensor.period for sensor in sensors))
-    pursuit = PurePursuit(robot, period, context.parameters_of(pure_pursuit.PurePursuitParameters))
+    pursuit = PurePursuit(robot, period, context.part("controller").parameters_of(pure_pursuit.PurePursuitParameters))
     # A sonar's arcs are too coarse to be remembered: a few of them close every passage. Without a laser only the present counts.
     remembers = remembers and robot.lidar is not None
     memory = RollingMemory(parameters.memory_size, parameters.resolution) if remembers else None

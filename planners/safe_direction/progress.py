@@ -28,10 +28,6 @@ class SafeDirectionProgress:
 
     def __init__(self, parameters: SafeDirectionParameters, memory: RollingMemory | None) -> None:
         self._parameters, self._memory = parameters, memory
-        self.forget()
-
-    def forget(self) -> None:
-        """A new episode."""
         self._before: SE2 | None = None
         self._driven = 0.0  # [m]
         self.new_goal()

@@ -263,14 +263,17 @@ def window(pose: SE2, reach: float, resolution: float) -> GridMap:
     return GridMap(np.broadcast_to(np.uint8(0), (side, side)), resolution, origin)
 
 
+def offset(inner: GridMap, outer: GridMap) -> tuple[int, int]:
+    """Where cell (0, 0) of one grid lies on another of the same lattice, (row, col)."""
+    r = outer.resolution
+    return round((inner.origin.y - outer.origin.y) / r), round((inner.origin.x - outer.origin.x) / r)
+
+
 def leading_edges(before: Readings, now: Readings) -> NDArray[np.int64]:
     """Cells (n, 2) of `now` as (row, col) with a surface where `before` had seen nothing, off all its surfaces: something
     has moved there. Both are on the same lattice."""
-    r = now.grid.resolution
-    row = round((now.grid.origin.y - before.grid.origin.y) / r)
-    col = round((now.grid.origin.x - before.grid.origin.x) / r)
     cells = np.argwhere(now.occupied)
-    then = cells + (row, col)  # noqa: RUF005
+    then = cells + offset(now.grid, before.grid)
     rows, cols = before.grid.shape
     inside = np.all((then >= 0) & (then < (rows, cols)), axis=1)
     cells, then = cells[inside], then[inside]

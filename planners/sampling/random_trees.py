@@ -1,5 +1,7 @@
 """Rapidly-exploring random trees among obstacles given as cells, as circles, or both: the compiled part of `rrt`.
 
+RRT and RRT-Connect stand here, with what every tree needs; RRT* is `rrt_star`.
+
 Coordinates are those of the obstacles: cells for a costmap (`GridMap.grid_from_world`), any unit where there are only circles.
 """
 
@@ -14,7 +16,6 @@ from numpy.typing import NDArray
 
 from robocar.core import Array
 from robocar.planners.geometry.line_of_sight import segment_cost
-from robocar.planners.search.grid_search import doubled
 
 _FEW = 64  # nodes up to which all are looked at
 _MOST_BUCKETS = 256  # along each side
@@ -75,7 +76,7 @@ def edge_cost(obstacles: TreeObstacles, x0: float, y0: float, x1: float, y1: flo
 
 
 @njit(cache=True)
-def _buckets(bounds: Array, size: float) -> tuple[Array, NDArray[np.int64]]:
+def buckets(bounds: Array, size: float) -> tuple[Array, NDArray[np.int64]]:
     """Frame (lowest x, lowest y, side) and empty heads (rows, cols) of the squares that nodes are kept in."""
     width, height = bounds[2] - bounds[0], bounds[3] - bounds[1]
     size = max(size, max(width, height) / _MOST_BUCKETS, 1e-9)
@@ -85,13 +86,20 @@ def _buckets(bounds: Array, size: float) -> tuple[Array, NDArray[np.int64]]:
 
 
 @njit(cache=True)
-def _bucket_of(frame: Array, heads: NDArray, x: float, y: float) -> tuple[int, int]:
+def bucket_of(frame: Array, heads: NDArray, x: float, y: float) -> tuple[int, int]:
     row, col = int((y - frame[1]) / frame[2]), int((x - frame[0]) / frame[2])
     return min(max(row, 0), heads.shape[0] - 1), min(max(col, 0), heads.shape[1] - 1)
 
 
 @njit(cache=True)
-def _nearest(nodes: Array, n: int, frame: Array, heads: NDArray, following: NDArray, x: float, y: float) -> int:
+def insert(frame: Array, heads: NDArray, following: NDArray, i: int, x: float, y: float) -> None:
+    """Puts node i into its square."""
+    row, col = bucket_of(frame, heads, x, y)
+    following[i], heads[row, col] = heads[row, col], i
+
+
+@njit(cache=True)
+def nearest(nodes: Array, n: int, frame: Array, heads: NDArray, following: NDArray, x: float, y: float) -> int:
     """The node nearest to a point; of equally near ones the first."""
     best, best_squared = 0, math.inf
     if n <= _FEW:
@@ -100,7 +108,7 @@ def _nearest(nodes: Array, n: int, frame: Array, heads: NDArray, following: NDAr
             if squared < best_squared:
                 best, best_squared = i, squared
         return best
-    row, col = _bucket_of(frame, heads, x, y)
+    row, col = bucket_of(frame, heads, x, y)
     rows, cols = heads.shape
     for ring in range(max(rows, cols)):
         # What lies in this ring and beyond is at least so far away (a point outside the squares is farther still).
@@ -122,7 +130,15 @@ def _nearest(nodes: Array, n: int, frame: Array, heads: NDArray, following: NDAr
 
 
 @njit(cache=True)
-def _extend(
+def anywhere(bounds: Array, rng: np.random.Generator) -> tuple[float, float]:
+    """A point drawn from the whole of the bounds."""
+    x = bounds[0] + (bounds[2] - bounds[0]) * rng.random()
+    y = bounds[1] + (bounds[3] - bounds[1]) * rng.random()
+    return x, y
+
+
+@njit(cache=True)
+def extend(
     obstacles: TreeObstacles, x0: float, y0: float, x1: float, y1: float, step: float, adaptive: bool
 ) -> tuple[float, float, float]:
     """A step from a node towards a point: its end and cost, inf where it is blocked; then shorter ones if `adaptive`."""
@@ -140,7 +156,7 @@ def _extend(
 
 
 @njit(cache=True)
-def _way(nodes: Array, parents: NDArray, last: int) -> Array:
+def way(nodes: Array, parents: NDArray, last: int) -> Array:
     """Nodes from the root to `last`, (k, 2)."""
     path, n, i = np.empty((len(parents), 2)), 0, last
     while i >= 0 and n < len(path):
@@ -158,10 +174,9 @@ def grow(
     bounds, size = obstacles.bounds, max_samples + 2
     nodes, costs = np.empty((size, 2)), np.zeros(size)
     parents, following = np.full(size, -1, dtype=np.int64), np.full(size, -1, dtype=np.int64)
-    frame, heads = _buckets(bounds, step)
+    frame, heads = buckets(bounds, step)
     nodes[0] = start
-    row, col = _bucket_of(frame, heads, start[0], start[1])
-    heads[row, col] = 0
+    insert(frame, heads, following, 0, start[0], start[1])
     n, samples, reached = 1, 0, -1
     near = math.hypot(goal[0] - start[0], goal[1] - start[1]) <= tolerance
     if near and edge_cost(obstacles, start[0], start[1], goal[0], goal[1]) < math.inf:
@@ -171,15 +186,13 @@ def grow(
         if rng.random() < goal_bias:
             x, y = goal[0], goal[1]
         else:
-            x = bounds[0] + (bounds[2] - bounds[0]) * rng.random()
-            y = bounds[1] + (bounds[3] - bounds[1]) * rng.random()
-        i = _nearest(nodes, n, frame, heads, following, x, y)
-        x, y, cost = _extend(obstacles, nodes[i, 0], nodes[i, 1], x, y, step, adaptive)
+            x, y = anywhere(bounds, rng)
+        i = nearest(nodes, n, frame, heads, following, x, y)
+        x, y, cost = extend(obstacles, nodes[i, 0], nodes[i, 1], x, y, step, adaptive)
         if cost == math.inf or (x == nodes[i, 0] and y == nodes[i, 1]):
             continue
         nodes[n, 0], nodes[n, 1], parents[n], costs[n] = x, y, i, costs[i] + cost
-        row, col = _bucket_of(frame, heads, x, y)
-        following[n], heads[row, col] = heads[row, col], n
+        insert(frame, heads, following, n, x, y)
         if math.hypot(goal[0] - x, goal[1] - y) <= tolerance and edge_cost(obstacles, x, y, goal[0], goal[1]) < math.inf:
             reached = n
         n += 1
@@ -190,8 +203,22 @@ def grow(
             nodes[n], parents[n], costs[n] = goal, reached, costs[reached] + cost
             reached = n
             n += 1
-        path = _way(nodes, parents, reached)
+        path = way(nodes, parents, reached)
     return Growth(Tree(nodes[:n].copy(), parents[:n].copy(), costs[:n].copy()), path, samples)
+
+
+@njit(cache=True)
+def _with_room(nodes: Array, parents: NDArray, following: NDArray, costs: Array) -> tuple[Array, NDArray, NDArray, Array]:
+    """The arrays of two trees, (2, n, ...), with twice the room."""
+    n = parents.shape[1]
+    none = np.full((2, n), -1, dtype=np.int64)
+    parents, following = np.concatenate((parents, none), axis=1), np.concatenate((following, none), axis=1)
+    return (
+        np.concatenate((nodes, np.empty((2, n, 2))), axis=1),
+        parents,
+        following,
+        np.concatenate((costs, np.zeros((2, n))), axis=1),
+    )
 
 
 @njit(cache=True)
@@ -202,43 +229,35 @@ def connect(
     bounds, size = obstacles.bounds, 1024
     nodes, parents, costs = np.empty((2, size, 2)), np.full((2, size), -1, dtype=np.int64), np.zeros((2, size))
     following = np.full((2, size), -1, dtype=np.int64)
-    frame, empty = _buckets(bounds, step)
+    frame, empty = buckets(bounds, step)
     heads = np.empty((2, *empty.shape), dtype=np.int64)
     heads[:] = -1
     counts = np.ones(2, dtype=np.int64)
     nodes[0, 0], nodes[1, 0] = start, goal
     for k in range(2):
-        row, col = _bucket_of(frame, heads[k], nodes[k, 0, 0], nodes[k, 0, 1])
-        heads[k, row, col] = 0
+        insert(frame, heads[k], following[k], 0, nodes[k, 0, 0], nodes[k, 0, 1])
     samples, a, met = 0, 0, False
     last = np.zeros(2, dtype=np.int64)
     while not met and samples < max_samples:
         samples += 1
-        target_x = bounds[0] + (bounds[2] - bounds[0]) * rng.random()
-        target_y = bounds[1] + (bounds[3] - bounds[1]) * rng.random()
+        target_x, target_y = anywhere(bounds, rng)
         if samples == 1:  # first straight towards each other
             target_x, target_y = nodes[1, 0, 0], nodes[1, 0, 1]
         grown = False
         for k in (a, 1 - a):
-            i = _nearest(nodes[k], counts[k], frame, heads[k], following[k], target_x, target_y)
+            i = nearest(nodes[k], counts[k], frame, heads[k], following[k], target_x, target_y)
             # The second tree goes on until it meets the first one's new node, or something.
             for _ in range(1 if k == a else 1 << 30):
-                x, y, cost = _extend(obstacles, nodes[k, i, 0], nodes[k, i, 1], target_x, target_y, step, adaptive and k == a)
+                x, y, cost = extend(obstacles, nodes[k, i, 0], nodes[k, i, 1], target_x, target_y, step, adaptive and k == a)
                 if cost == math.inf or (x == nodes[k, i, 0] and y == nodes[k, i, 1]):
                     met = k != a and cost < math.inf
                     last[k] = i
                     break
                 n = counts[k]
                 if n == parents.shape[1]:
-                    bigger = np.empty((2, 2 * n, 2))
-                    bigger[:, :n] = nodes
-                    nodes = bigger
-                    parents = np.concatenate((parents, np.full((2, n), -1, dtype=np.int64)), axis=1)
-                    following = np.concatenate((following, np.full((2, n), -1, dtype=np.int64)), axis=1)
-                    costs = np.concatenate((costs, np.zeros((2, n))), axis=1)
+                    nodes, parents, following, costs = _with_room(nodes, parents, following, costs)
                 nodes[k, n, 0], nodes[k, n, 1], parents[k, n], costs[k, n] = x, y, i, costs[k, i] + cost
-                row, col = _bucket_of(frame, heads[k], x, y)
-                following[k, n], heads[k, row, col] = heads[k, row, col], n
+                insert(frame, heads[k], following[k], n, x, y)
                 counts[k] = n + 1
                 i, last[k], grown = n, n, True
                 if k != a and x == target_x and y == target_y:
@@ -255,102 +274,10 @@ def connect(
     )
     path = np.empty((0, 2))
     if met:
-        there = _way(nodes[0], parents[0], last[0])
-        back = _way(nodes[1], parents[1], last[1])[::-1]
+        there = way(nodes[0], parents[0], last[0])
+        back = way(nodes[1], parents[1], last[1])[::-1]
         path = np.concatenate((there, back[1:]))  # both end in the node where they met
     return Growth(tree, path, samples)
-
-
-@njit(cache=True)
-def grow_star(
-    obstacles: TreeObstacles, start: Array, goal: Array, step: float, goal_bias: float, max_samples: int,
-    adaptive: bool, area: float, rng: np.random.Generator,
-) -> Growth:  # fmt: skip
-    """RRT* (Karaman and Frazzoli 2011, Algorithm 6): every new node takes the cheapest way from its neighbours and offers them
-    its own; all samples are used. The goal is a node from its first sample on.
-
-    Args:
-        area: of the free space, for the radius of the neighbourhood (Theorem 38, d = 2): gamma sqrt(log n / n), at most `step`.
-    """
-    bounds, size = obstacles.bounds, max_samples + 1
-    gamma = 1.1 * 2.0 * math.sqrt(1.5 * area / math.pi)
-    nodes, costs, edges = np.empty((size, 2)), np.zeros(size), np.zeros(size)  # edges: costs of those to the parents
-    parents, following = np.full(size, -1, dtype=np.int64), np.full(size, -1, dtype=np.int64)
-    child, sibling = np.full(size, -1, dtype=np.int64), np.full(size, -1, dtype=np.int64)
-    frame, heads = _buckets(bounds, step)
-    around, ways, stack = np.empty(64, dtype=np.int64), np.empty(64), np.empty(64, dtype=np.int64)
-    nodes[0] = start
-    row, col = _bucket_of(frame, heads, start[0], start[1])
-    heads[row, col] = 0
-    n, at_goal = 1, 0 if start[0] == goal[0] and start[1] == goal[1] else -1
-    for _ in range(max_samples):
-        if at_goal < 0 and rng.random() < goal_bias:
-            x, y = goal[0], goal[1]
-        else:
-            x = bounds[0] + (bounds[2] - bounds[0]) * rng.random()
-            y = bounds[1] + (bounds[3] - bounds[1]) * rng.random()
-        i = _nearest(nodes, n, frame, heads, following, x, y)
-        x, y, edge = _extend(obstacles, nodes[i, 0], nodes[i, 1], x, y, step, adaptive)
-        if edge == math.inf or (x == nodes[i, 0] and y == nodes[i, 1]):
-            continue
-        radius = min(step, gamma * math.sqrt(math.log(n + 1.0) / (n + 1.0)))
-        # All nodes within the radius.
-        m = 0
-        low_row, low_col = _bucket_of(frame, heads, x - radius, y - radius)
-        high_row, high_col = _bucket_of(frame, heads, x + radius, y + radius)
-        for r in range(low_row, high_row + 1):
-            for c in range(low_col, high_col + 1):
-                j = heads[r, c]
-                while j >= 0:
-                    if (nodes[j, 0] - x) ** 2 + (nodes[j, 1] - y) ** 2 <= radius * radius:
-                        if m == len(around):
-                            around, ways = doubled(around), doubled(ways)
-                        around[m] = j
-                        m += 1
-                    j = following[j]
-        parent, cost = i, costs[i] + edge
-        for k in range(m):
-            j = around[k]
-            ways[k] = math.inf
-            if costs[j] + math.hypot(nodes[j, 0] - x, nodes[j, 1] - y) < cost or j != i:
-                ways[k] = edge_cost(obstacles, nodes[j, 0], nodes[j, 1], x, y)
-            if costs[j] + ways[k] < cost:
-                parent, cost, edge = j, costs[j] + ways[k], ways[k]
-        nodes[n, 0], nodes[n, 1], parents[n], costs[n], edges[n] = x, y, parent, cost, edge
-        sibling[n], child[parent] = child[parent], n
-        row, col = _bucket_of(frame, heads, x, y)
-        following[n], heads[row, col] = heads[row, col], n
-        if x == goal[0] and y == goal[1]:
-            at_goal = n
-        for k in range(m):
-            j = around[k]
-            if not cost + ways[k] < costs[j] or j == parent:
-                continue
-            # j leaves its parent for the new node, and the news goes down to all that hang on it.
-            old = parents[j]
-            if child[old] == j:
-                child[old] = sibling[j]
-            else:
-                before = child[old]
-                while sibling[before] != j:
-                    before = sibling[before]
-                sibling[before] = sibling[j]
-            parents[j], edges[j], sibling[j], child[n] = n, ways[k], child[n], j
-            stack[0], top = j, 1
-            while top > 0:
-                top -= 1
-                i = stack[top]
-                costs[i] = costs[parents[i]] + edges[i]
-                j = child[i]
-                while j >= 0:
-                    if top == len(stack):
-                        stack = doubled(stack)
-                    stack[top] = j
-                    top += 1
-                    j = sibling[j]
-        n += 1
-    path = np.empty((0, 2)) if at_goal < 0 else _way(nodes, parents, at_goal)
-    return Growth(Tree(nodes[:n].copy(), parents[:n].copy(), costs[:n].copy()), path, max_samples)
 
 
 @njit(cache=True)

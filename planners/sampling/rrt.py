@@ -13,10 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robocar.core import INSCRIBED, Array, BudgetExhausted, Context, Costmap, Footprint, Path, Plan, Segments, Trace
+from robocar.core.compiling import warm_up
+from robocar.core.trace import LazyTrace
 from robocar.planners.costmap import layered as layered
 from robocar.planners.costmap.layered import safe_cost
-from robocar.planners.sampling.random_trees import Growth, TreeObstacles, connect, edge_cost, grow, grow_star, shortcut
-from robocar.planners.search.grid_search import LazyTrace, endpoints
+from robocar.planners.sampling.random_trees import Growth, TreeObstacles, connect, edge_cost, grow, shortcut
+from robocar.planners.sampling.rrt_star import grow_star
+from robocar.planners.search.grid_search import endpoints
 
 VARIANTS = ("rrt", "rrt-connect", "rrt-star")
 TREE_COLOR = (70, 110, 230)
@@ -131,13 +134,8 @@ class RRT:
         """`footprint` and `inflation` say at which costs the car can turn; without them every way is as good as a roomy one."""
         self.parameters = parameters or RrtParameters()
         self._footprint, self._inflation = footprint, inflation
-        self._rng = np.random.default_rng(0)
-        self.plan(Costmap(np.zeros((9, 9), dtype=np.uint8), 1.0), np.array([0.5, 0.5]), np.array([8.0, 8.0]))  # compiles
         self._rng = rng
-
-    def reset(self, rng: np.random.Generator) -> None:
-        """A new episode draws from a new generator."""
-        self._rng = rng
+        _warm_up(self.parameters.variant)
 
     def plan(self, costmap: Costmap, start: ArrayLike, goal: ArrayLike) -> Plan:
         """Path from `start` to `goal`, both (2,) [m].
@@ -169,7 +167,7 @@ class RRT:
         points = np.empty((max(2, len(grown.path)), 2))
         points[:] = costmap.origin.transform(grown.path * resolution)
         points[0], points[-1] = start, goal
-        return Plan(Path(points), path_cost(obstacles, grown.path) * resolution, samples, trace)
+        return Plan(Path(points), path_cost(obstacles, grown.path) * resolution, {"samples": samples}, trace)
 
     def _roomy(self, costmap: Costmap, start: Array, goal: Array) -> TreeObstacles | None:
         """The world without cells where the car could not turn; None where start or goal (2,) [cells] are such cells."""
@@ -198,7 +196,13 @@ def _tree_trace(costmap: Costmap, grown: Growth) -> Trace:
     return LazyTrace({"tree": tree})
 
 
+@warm_up
+def _warm_up(variant: str) -> None:
+    planner = RRT(np.random.default_rng(0), RrtParameters(variant, max_samples=1000))
+    planner.plan(Costmap(np.zeros((9, 9), dtype=np.uint8), 1.0), np.array([0.5, 0.5]), np.array([8.0, 8.0]))
+
+
 def build(context: Context) -> RRT:
     """The planner with the context's parameters and random generator."""
-    inflation = context.parameters_of(layered.CostmapParameters)
+    inflation = context.part("costmap").parameters_of(layered.CostmapParameters)
     return RRT(context.rng, context.parameters_of(RrtParameters), context.robot.footprint, inflation)

@@ -18,6 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robocar.core import INSCRIBED, Array, Context, Costmap, Plan
+from robocar.core.compiling import warm_up
 from robocar.planners.search.grid_search import (
     CELL_SCALE,
     COL_STEPS,
@@ -233,11 +234,7 @@ class AStar:
         scale = parameters.weight * CELL_SCALE
         self._measure = (straight, diagonal, round(scale * h_straight), round(scale * h_diagonal))
         self._shape = (0, 0)
-        # Compiled here, not in the control loop.
-        self.plan(Costmap(np.zeros((1, 2), dtype=np.uint8), 1.0), np.array([0.5, 0.5]), np.array([1.5, 0.5]))
-
-    def reset(self, rng: np.random.Generator) -> None:
-        """Nothing to forget: every plan is made from scratch, without chance."""
+        _warm_up()
 
     def plan(self, costmap: Costmap, start: Array, goal: Array) -> Plan:
         """Path from `start` to `goal`, both (2,) [m], through cell centres.
@@ -253,7 +250,7 @@ class AStar:
         return Plan(
             path_through(costmap, found.cells, start, goal),
             found.cost,
-            found.expanded,
+            {"expansions": found.expanded},
             search_trace(costmap, found.opened, found.order),
         )
 
@@ -280,6 +277,11 @@ class AStar:
         order = self._order[opened]
         _forget(self._g, self._order, opened)
         return GridSearch(cells, cost / self._unit * costmap.resolution, expanded, opened, order)
+
+
+@warm_up
+def _warm_up() -> None:
+    AStar().plan(Costmap(np.zeros((1, 2), dtype=np.uint8), 1.0), np.array([0.5, 0.5]), np.array([1.5, 0.5]))
 
 
 def build(context: Context) -> AStar:

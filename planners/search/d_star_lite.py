@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robocar.core import INSCRIBED, Array, Context, Costmap, Plan
+from robocar.core.compiling import warm_up
 from robocar.planners.search.grid_search import (
     CELL_SCALE,
     COL_STEPS,
@@ -277,21 +278,14 @@ class DStarLite:
     """Shortest paths on a changing costmap: `plan` compares the costmap with the last one and repairs the search.
 
     It starts over where the goal or the place of the grid changes, or too much at once (`DStarLiteParameters`). `Plan.cost` is
-    the cost of the steps from the start's to the goal's cell [m], the same as A*'s; `Plan.expanded` and the heat map `search` are
+    the cost of the steps from the start's to the goal's cell [m], the same as A*'s; `Plan.work` and the heat map `search` are
     those of this replanning alone. Memory: 43 bytes a cell with the costmap that it keeps to compare.
     """
 
     def __init__(self, parameters: DStarLiteParameters | None = None) -> None:
         self.parameters = parameters or DStarLiteParameters()
         self._costmap: Costmap | None = None
-        # Compiled here, not in the control loop: a plan and a repair.
-        for costs in ([[0] * 8], [[0] * 7 + [1]]):
-            self.plan(Costmap(np.array(costs), 1.0), np.array([0.5, 0.5]), np.array([1.5, 0.5]))
-        self._costmap = None
-
-    def reset(self, rng: np.random.Generator) -> None:
-        """Forgets the search; there is no chance in it."""
-        self._costmap = None
+        _warm_up()
 
     def plan(self, costmap: Costmap, start: Array, goal: Array) -> Plan:
         """Path from `start` to `goal`, both (2,) [m], through cell centres.
@@ -327,7 +321,7 @@ class DStarLite:
             np.concatenate([np.full(len(waiting), -1), np.arange(len(expanded))]),
         )
         cost_in_metres = cost / (STRAIGHT * CELL_SCALE) * costmap.resolution
-        return Plan(path_through(costmap, cells, start, goal), cost_in_metres, len(expanded), trace)
+        return Plan(path_through(costmap, cells, start, goal), cost_in_metres, {"expansions": len(expanded)}, trace)
 
     def _initialize(self, costmap: Costmap, start: int, goal: int) -> None:
         """Initialize of the paper: nothing is known but rhs(goal) = 0."""
@@ -356,6 +350,14 @@ class DStarLite:
         self._size = _apply_changes(
             cells, self._stale, start, self._goal, self._km, width, self._cost.ravel(), *self._search, self._size
         )
+
+
+@warm_up
+def _warm_up() -> None:
+    """A plan and a repair."""
+    planner = DStarLite()
+    for costs in ([[0] * 8], [[0] * 7 + [1]]):
+        planner.plan(Costmap(np.array(costs), 1.0), np.array([0.5, 0.5]), np.array([1.5, 0.5]))
 
 
 def build(context: Context) -> DStarLite:

@@ -14,9 +14,11 @@ the corner where something stands between the four cells.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +26,6 @@ from numpy.typing import NDArray
 from robocar.core import (
     SE2,
     Array,
-    Belief,
     Command,
     Context,
     Costmap,
@@ -32,22 +33,23 @@ from robocar.core import (
     GiveUp,
     Goal,
     Lines,
-    Mapper,
     Observation,
     OccupancyGrid,
     Plan,
     PlanningError,
     Points,
     Robot,
-    Scalar,
+    State,
     Text,
     Twist,
     wrap_angle,
 )
-from robocar.core.trace import PLAN_COLOR
+from robocar.core.trace import PLAN_COLOR, Drawable, LazyTrace
 from robocar.planners.search import a_star
 from robocar.planners.search.car_lattice import CarLattice
 from robocar.planners.search.obstacle_memory import ObstacleMemory
+
+Makers: TypeAlias = dict[str, Callable[[], Drawable]]  # of drawables by name, called when somebody looks, within the tick
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +95,6 @@ class DynamicAStar:
     def __init__(self, context: Context) -> None:
         self._robot: Robot = context.robot
         self._prior = context.prior
-        self._period = context.control_period
         self._parameters = context.parameters_of(DynamicAStarParameters)
         self._footprint = context.robot.footprint
         self._keep(self._parameters.margin)
@@ -101,10 +102,7 @@ class DynamicAStar:
         sees_around = looks_sideways or context.robot.lidar is not None
         self._look_around = {"always": True, "never": False, "auto": not sees_around}[self._parameters.look_around]
         self._search = a_star.AStar(a_star.AStarParameters(metric=self._parameters.metric))
-        ObstacleMemory(SE2(), (0.1, 0.1), None, 0.0)  # compiles its kernels here, not in the control loop
-        self.reset(context.rng)
-
-    def reset(self, rng: np.random.Generator) -> None:
+        ObstacleMemory(SE2(), (0.1, 0.1), None, 0.0)  # compiles its kernels before the control loop
         self._lattice: CarLattice | None = None
         self._memory: ObstacleMemory | None = None
         self._shown: OccupancyGrid | None = None
@@ -117,7 +115,7 @@ class DynamicAStar:
         self._spin: tuple[float, float] | None = None  # still to turn [rad], last heading
         self._spin_sign = 1.0
         self._turning = True
-        self._plans = 0
+        self._plans = self._counted = 0  # plans made, and told of as replans
         self._desperate = False
         self._overhang = 0.0  # [m] how far the car's nose reaches beyond the last point of the way
 
@@ -130,25 +128,27 @@ class DynamicAStar:
 
     # -- one tick -----------------------------------------------------------------------------------------------------
 
-    def command(self, belief: Belief, mapper: Mapper, observation: Observation, goal: Goal | None) -> Command:
+    def command(self, state: State, observation: Observation, goal: Goal | None) -> Command:
         if goal is None:
             return GiveUp("dynamic-a-star needs a goal")
-        memory = self._prepare(belief.pose, goal)
-        if getattr(mapper, "sees_everything", False):  # a camera above the field: the thesis' other source of obstacles
+        pose = state.belief.pose
+        memory = self._prepare(pose, goal)
+        if state.map is not None and state.map.complete:  # a camera above the field: the thesis' other source of obstacles
             self._look_around = self._parameters.look_around == "always"
-            seen = mapper.grid()
+            seen = state.map.grid()
             if seen is not None and seen is not self._shown:
                 memory.show(seen)
                 self._shown = seen
         else:
             for scan in observation.scans:
-                memory.mark(belief.pose, scan, self._parameters.hit_range, self._parameters.free_range)
-        trace: dict[str, object] = {}
-        if self._planned_to is None or (not self._retreating and self._must_replan(belief.pose)):
-            problem = self._replan(belief.pose, goal, trace)
+                memory.mark(pose, scan, self._parameters.hit_range, self._parameters.free_range)
+        shown: Makers = {}
+        work: dict[str, int] = {}
+        if self._planned_to is None or (not self._retreating and self._must_replan(pose)):
+            problem = self._replan(pose, goal, shown, work)
             if problem is not None:
                 return problem
-        return Drive(self._drive(belief.pose), trace=trace)  # type: ignore[arg-type]
+        return Drive(self._drive(pose), trace=LazyTrace(shown), work=work)
 
     def _prepare(self, pose: SE2, goal: Goal) -> ObstacleMemory:
         if self._lattice is None or self._memory is None:
@@ -183,8 +183,8 @@ class DynamicAStar:
             previous = point
         return False
 
-    def _replan(self, pose: SE2, goal: Goal, trace: dict[str, object]) -> Command | None:
-        """A new way from where the car is; returns why there is none."""
+    def _replan(self, pose: SE2, goal: Goal, shown: Makers, work: dict[str, int]) -> Command | None:
+        """A new way from where the car is, with what it shows and took; returns why there is none."""
         lattice, memory = self._lattice, self._memory
         assert lattice is not None and memory is not None
         self._plans += 1
@@ -211,32 +211,38 @@ class DynamicAStar:
                 self._planned_to = goal.position
                 self._turning = not goes_on
                 drawn = np.array([pose.position, *self._way])
-                trace |= plan.trace  # the heat map of the search
-                trace["global"] = Lines((drawn,), color=PLAN_COLOR, radius=0.012)
-                trace["blocked_cells"] = Lines(lattice.outlines(self._blocked), color=(200, 60, 60), radius=0.004)
-                trace["echoes"] = Points(memory.echoes(), color=(255, 80, 40), radius=0.012)
-                trace["replans"] = Scalar(self._plans - 1)
-                trace["expanded"] = Scalar(plan.expanded)
-                trace["status"] = Text(
-                    f"plan {self._plans}: {len(self._way)} cells, {plan.path.length:.2f} m, {plan.expanded} expanded"
-                )
+                self._show(shown, drawn, plan)
+                again = self._plans - 1 - self._counted
+                work |= {"replans": again, **plan.work} if again else plan.work
+                self._counted += again
+                took = f"{plan.path.length:.2f} m, {plan.work['expansions']} expansions"
+                shown["status"] = partial(Text, f"plan {self._plans}: {len(self._way)} cells, {took}")
                 return None
         if self._spin is not None:  # still looking around
             return Drive(self._turn_on(pose))
         if self._margin > 0.0:
             self._keep(0.0)
-            trace["status"] = Text(f"no way left ({reason}); giving up the margin", "WARN")
+            shown["status"] = partial(Text, f"no way left ({reason}); giving up the margin", "WARN")
         elif not self._desperate:
             # Echoes of one surface, seen from poses that drift, may add up to a wall that is not there: look again.
             self._desperate = True
             memory.forget()
             self._looked.clear()
             self._spin = (math.tau, pose.theta)
-            trace["status"] = Text(f"no way left ({reason}); forgetting all echoes and looking again", "WARN")
+            shown["status"] = partial(Text, f"no way left ({reason}); forgetting all echoes and looking again", "WARN")
         else:
             return GiveUp(f"no way to the goal through free cells: {reason}")
         self._way, self._planned_to = [], None
-        return Drive(Twist(), trace=trace)  # type: ignore[arg-type]
+        return Drive(Twist(), trace=LazyTrace(shown), work=work)
+
+    def _show(self, shown: Makers, way: Array, plan: Plan) -> None:
+        """The way (n, 2) [m], the search, blocked cells and echoes."""
+        lattice, memory, blocked = self._lattice, self._memory, self._blocked
+        assert lattice is not None and memory is not None
+        shown |= {name: partial(plan.trace.__getitem__, name) for name in plan.trace}
+        shown["global"] = lambda: Lines((way,), color=PLAN_COLOR, radius=0.012)
+        shown["blocked_cells"] = lambda: Lines(lattice.outlines(blocked), color=(200, 60, 60), radius=0.004)
+        shown["echoes"] = lambda: Points(memory.echoes(), color=(255, 80, 40), radius=0.012)
 
     def _base(self, pose: SE2) -> Array:
         """Where the new way begins. Between two cells the car has no room to turn that it knows of: it goes on to the next one

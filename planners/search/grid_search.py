@@ -12,7 +12,6 @@ compared with one from scratch bit by bit. 8119 / 5741 is a convergent of the sq
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -21,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from robocar.core import INSCRIBED, LETHAL, NO_INFORMATION, Array, Costmap, Field, Path
 from robocar.core.errors import GoalOccupied, NoPathFound, OutsideMap, PlanningError, StartOccupied
-from robocar.core.trace import Drawable
+from robocar.core.trace import LazyTrace
 
 STRAIGHT, DIAGONAL = 5741, 8119
 """Lengths of the two steps of a grid in its whole-number measure."""
@@ -130,25 +129,6 @@ def path_through(costmap: Costmap, cells: NDArray, start: ArrayLike, goal: Array
     points[0], points[-1] = start, goal
     points.flags.writeable = False  # so that the path need not copy it
     return Path(points)
-
-
-class LazyTrace(Mapping[str, Drawable]):
-    """A trace whose drawables are made when somebody looks at them, so that a search costs the same unrecorded."""
-
-    def __init__(self, makers: Mapping[str, Callable[[], Drawable]]) -> None:
-        self._makers = dict(makers)
-        self._made: dict[str, Drawable] = {}
-
-    def __getitem__(self, name: str) -> Drawable:
-        if name not in self._made:
-            self._made[name] = self._makers[name]()
-        return self._made[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._makers)
-
-    def __len__(self) -> int:
-        return len(self._makers)
 
 
 def search_trace(costmap: Costmap, cells: NDArray[np.signedinteger[Any]], order: NDArray[np.signedinteger[Any]]) -> LazyTrace:

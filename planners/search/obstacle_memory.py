@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from robocar.core import SE2, Array, OccupancyGrid, Scan
+from robocar.core.compiling import warm_up
 
 FINE = 0.025  # [m] resolution of the grid on which echoes are gathered
 _HIT, _MOST, _LEAST = 2, 6, -6  # evidence from which on a fine cell counts as an obstacle, and its bounds
@@ -123,11 +124,7 @@ class ObstacleMemory:
             self._evidence = np.zeros((rows, cols), dtype=np.int8)
         self._origin = world_from_lattice
         self._bounded = prior is not None
-        # Compiled here, not in the control loop.
-        scratch = np.zeros((4, 4), dtype=np.int8)
-        _mark_cone(scratch, 1.0, 1.0, 0.0, 2.0, 0.1, 1.0, 0.5)
-        _disc_blocked(scratch, 1.0, 1.0, 1.0)
-        _way_blocked(scratch, 1.0, 1.0, 2.0, 2.0, 1.0, 1.0)
+        _warm_up()
 
     def _grid_point(self, point: Array | tuple[float, float]) -> tuple[float, float]:
         """(column, row) of a world point."""
@@ -192,3 +189,11 @@ class ObstacleMemory:
         """Centres (n, 2) [m] of the fine cells that echoes mark as obstacles."""
         rows, cols = np.nonzero((self._evidence >= _HIT) & (self._evidence < _PRIOR))
         return self._origin.transform(np.stack([cols + 0.5, rows + 0.5], axis=1) * self.resolution)
+
+
+@warm_up
+def _warm_up() -> None:
+    scratch = np.zeros((4, 4), dtype=np.int8)
+    _mark_cone(scratch, 1.0, 1.0, 0.0, 2.0, 0.1, 1.0, 0.5)
+    _disc_blocked(scratch, 1.0, 1.0, 1.0)
+    _way_blocked(scratch, 1.0, 1.0, 2.0, 2.0, 1.0, 1.0)

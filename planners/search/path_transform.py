@@ -13,8 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from robocar.core import LETHAL, Array, Context, Costmap, Field, Plan
+from robocar.core.compiling import warm_up
+from robocar.core.trace import LazyTrace
 from robocar.planners.search import transforms
-from robocar.planners.search.grid_search import LazyTrace, endpoints, no_path, path_through
+from robocar.planners.search.grid_search import endpoints, no_path, path_through
 from robocar.planners.search.transforms import descend
 
 
@@ -40,14 +42,12 @@ class PathTransform:
     """Global planner: steepest descent over the path transform of a costmap's free cells.
 
     Of the costmap only what is blocked counts: obstacles grown by the robot's size, as the paper grows them. The cost of its
-    plans is the path transform at the start, in metres; `expanded` counts the cells that the transform reached.
+    plans is the path transform at the start, in metres; its work counts the cells that the transform reached.
     """
 
     def __init__(self, parameters: PathTransformParameters | None = None) -> None:
         self.parameters = parameters or PathTransformParameters()
-
-    def reset(self, rng: np.random.Generator) -> None:
-        """There is nothing to forget."""
+        _warm_up()
 
     def plan(self, costmap: Costmap, start: Array, goal: Array) -> Plan:
         """Path from `start` to `goal`, both (2,) [m].
@@ -68,13 +68,16 @@ class PathTransform:
             return Field(costmap.with_data(np.where(reached, values * costmap.resolution, np.nan).astype(np.float32)))
 
         cost = float(values[start_cell]) * costmap.resolution
-        return Plan(path, cost, int(reached.sum()), LazyTrace({"path_transform": field}))
+        return Plan(path, cost, {"expansions": int(reached.sum())}, LazyTrace({"path_transform": field}))
+
+
+@warm_up
+def _warm_up() -> None:
+    costs = np.zeros((4, 4), dtype=np.uint8)
+    costs[1, 1] = LETHAL
+    PathTransform().plan(Costmap(costs, 1.0), np.array([0.5, 0.5]), np.array([3.5, 3.5]))
 
 
 def build(context: Context) -> PathTransform:
     """The planner with the parameters of the context."""
-    planner = PathTransform(context.parameters_of(PathTransformParameters))
-    costs = np.zeros((4, 4), dtype=np.uint8)
-    costs[1, 1] = LETHAL
-    planner.plan(Costmap(costs, 1.0), np.array([0.5, 0.5]), np.array([3.5, 3.5]))  # compiles here, not in the control loop
-    return planner
+    return PathTransform(context.parameters_of(PathTransformParameters))

@@ -15,6 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robocar.core import INSCRIBED, Array, Context, Costmap, Path, Plan
+from robocar.core.compiling import warm_up
 from robocar.planners.geometry.line_of_sight import polyline_cost, pull_taut, segment_cost
 from robocar.planners.search.a_star import AStar
 from robocar.planners.search.grid_search import (
@@ -153,18 +154,14 @@ class ThetaStar:
 
     Theta* alone does not promise that: it may commit to a parent too early. So A* is run too, both paths are pulled taut, and
     Theta*'s is taken where it is at least as good. `Plan.cost` is the line integral of 1 + c / 252 along the path [m];
-    `Plan.expanded` counts both searches; the heat map is that of Theta*. Memory: 39 bytes a cell and the open list.
+    `Plan.work` counts both searches; the heat map is that of Theta*. Memory: 39 bytes a cell and the open list.
     """
 
     def __init__(self, parameters: ThetaStarParameters | None = None) -> None:
         self.parameters = parameters or ThetaStarParameters()
         self._a_star = AStar()
         self._shape = (0, 0)
-        # Compiled here, not in the control loop.
-        self.plan(Costmap(np.zeros((1, 2), dtype=np.uint8), 1.0), np.array([0.5, 0.5]), np.array([1.5, 0.5]))
-
-    def reset(self, rng: np.random.Generator) -> None:
-        """Nothing to forget: every plan is made from scratch, without chance."""
+        _warm_up()
 
     def plan(self, costmap: Costmap, start: Array, goal: Array) -> Plan:
         """Path from `start` to `goal`, both (2,) [m], with corners only where it turns.
@@ -203,7 +200,7 @@ class ThetaStar:
         return Plan(
             Path(points),
             polyline_cost(cost, best) * costmap.resolution,
-            a_star.expanded + expanded,
+            {"expansions": a_star.expanded + expanded},
             search_trace(costmap, opened, order),
         )
 
@@ -218,6 +215,11 @@ class ThetaStar:
 
 def _length(points: Array) -> float:
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+@warm_up
+def _warm_up() -> None:
+    ThetaStar().plan(Costmap(np.zeros((1, 2), dtype=np.uint8), 1.0), np.array([0.5, 0.5]), np.array([1.5, 0.5]))
 
 
 def build(context: Context) -> ThetaStar:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -31,6 +32,14 @@ SURFACES = 16  # looks at an obstacle of which the points are kept
 SCANS = 64  # scans whose points are kept
 
 
+class Sight(NamedTuple):
+    """A scan: where it was taken, (2,) [m], its beams' bearings in the world, (n,) [rad], and their ranges, (n,) [m]."""
+
+    origin: Array
+    bearings: Array
+    ranges: Array
+
+
 class Rows:
     """State of the obstacles that are followed, one a row, and the surface points of the last scans.
 
@@ -50,15 +59,14 @@ class Rows:
         time: float,
         clusters: Array,
         points: Array,
-        origin: Array,
-        bearings: Array,
-        ranges: Array,
-        earlier: tuple[tuple[Array, Array, Array], tuple[Array, Array, Array]],
+        sight: Sight,
+        earlier: tuple[Sight, Sight],
     ) -> None:
         """Takes in the clusters (k, 9) of a scan and the points (m, 2) they consist of.
 
         Args:
-            earlier: origin, bearings and ranges of the two scans to compare with; empty ones for none.
+            sight: the scan.
+            earlier: the two scans to compare with; empty ones for none.
         """
         if len(points) > self._scans.shape[1]:
             larger = np.zeros((SCANS, 2 * len(points), 2))
@@ -71,9 +79,8 @@ class Rows:
         table[:rows], history[:rows], looks[:rows] = self.table, self._history, self._looks
         self._scans[self._scan % SCANS, : len(points)] = points
         kept, self._count = _step(
-            table, history, looks, self._scans, rows, self._count, self._scan, time, clusters, origin, bearings, ranges,
-            *earlier[0], *earlier[1],
-        )  # fmt: skip
+            table, history, looks, self._scans, rows, self._count, self._scan, time, clusters, sight, *earlier
+        )
         self._scan += 1
         self.table, self._history, self._looks = table[:kept], history[:kept], looks[:kept]
 
@@ -81,8 +88,7 @@ class Rows:
 @njit(cache=True)
 def _step(
     table: Array, history: Array, looks: Array, scans: Array, rows: int, count: int, scan: int, now: float, clusters: Array,
-    origin: Array, bearings: Array, ranges: Array, origin_1: Array, bearings_1: Array, ranges_1: Array,
-    origin_2: Array, bearings_2: Array, ranges_2: Array,
+    sight: Sight, recent: Sight, past: Sight,
 ) -> tuple[int, int]:  # fmt: skip
     """Rows that remain, and how many obstacles there have been."""
     taken = np.zeros(len(clusters), dtype=np.bool_)
@@ -105,17 +111,17 @@ def _step(
         share = 0.0
         seen = points[int(clusters[best, 7]) : int(clusters[best, 8])]
         if now - history[i, 0, 0] >= SETTLED:
-            if len(ranges_1) > 2:
-                share = max(share, seen_through(seen, origin_1, bearings_1, ranges_1, SEEN_THROUGH))
-            if len(ranges_2) > 2:
-                share = max(share, seen_through(seen, origin_2, bearings_2, ranges_2, SEEN_THROUGH))
+            if len(recent.ranges) > 2:
+                share = max(share, seen_through(seen, recent.origin, recent.bearings, recent.ranges, SEEN_THROUGH))
+            if len(past.ranges) > 2:
+                share = max(share, seen_through(seen, past.origin, past.bearings, past.ranges, SEEN_THROUGH))
             for back in (FIRST_LOOK_BACK, LOOK_BACK):
                 for k in range(int(row[LOOKS]) - 1, -1, -1):
                     time, at, start, stop = looks[i, k]
                     if now - time >= back:
                         if scan - at < SCANS:
                             stood = scans[int(at) % SCANS][int(start) : int(stop)]
-                            share = max(share, seen_through(stood, origin, bearings, ranges, SEEN_THROUGH))
+                            share = max(share, seen_through(stood, sight.origin, sight.bearings, sight.ranges, SEEN_THROUGH))
                         break
         _remember(row, looks[i], now, scan, clusters[best])
         _judge(row, history[i], now, share)

@@ -1,4 +1,4 @@
-"""Obstacles that move, as discs with velocities, for local planners that look a few seconds ahead.
+"""Obstacles that move, as discs with velocities, for controllers that look a few seconds ahead.
 
 Around each disc some room is kept free. A trajectory that enters it costs more than any that does not, and the more, the deeper
 and the longer; so where all do, that one is chosen which gives way best, or stands. To come closer to it than now costs a little,
@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 from robocar.core import SE2, Array, Costmap, Observation, Robot, frozen_array
+from robocar.core.compiling import warm_up
 from robocar.planners.geometry.outlines import CostmapView
 from robocar.planners.tracking.kernel import line
 from robocar.planners.tracking.panorama import ScanPanorama
@@ -44,20 +45,10 @@ class MovingObstacles:
     def __init__(self, robot: Robot) -> None:
         self._radius = robot.footprint.circumscribed_radius
         self._tracker = ObstacleTracker(_MAX_WIDTH, _MAX_DISTANCE) if robot.lidar is not None else None
-        self.forget()
-        # Compiled here, not in the control loop.
-        encounter(np.array([[1.0, 0.0, 0.0, 0.0, 0.1]]), 0.0, 0.0, 0.0)
-        depth_later(np.array([[1.0, 0.0, 0.0, 0.0, 0.1]]), 0.0, 0.0, 0.2, 0.0, 0.0)
-        met(0.0, 0.0)
-        courses(np.zeros((2, 3)), 0.0)
-
-    def forget(self) -> None:
-        """A new episode."""
         self._centres: dict[int, deque[tuple[float, float, float]]] = {}
         self._tracked: list[Tracked] = []
         self._moved: set[int] = set()  # what has been seen to move is watched more closely: it may go on, or has just turned
-        if self._tracker is not None:
-            self._tracker.forget()
+        _warm_up()
 
     def update(self, pose: SE2, observation: Observation) -> None:
         """Takes in a laser scan, if there is one."""
@@ -179,3 +170,11 @@ def depth_later(discs: Array, time: float, stay: float, dt: float, x: float, y: 
         for i in range(1, min(1000, int(stay / dt)) + 1):
             total += encounter(discs, time + i * dt, x, y)[0]
     return total
+
+
+@warm_up
+def _warm_up() -> None:
+    encounter(np.array([[1.0, 0.0, 0.0, 0.0, 0.1]]), 0.0, 0.0, 0.0)
+    depth_later(np.array([[1.0, 0.0, 0.0, 0.0, 0.1]]), 0.0, 0.0, 0.2, 0.0, 0.0)
+    met(0.0, 0.0)
+    courses(np.zeros((2, 3)), 0.0)

@@ -73,10 +73,6 @@ class Surround:
                 "robot.sonars: ring"
             )
         self._spacing = float(np.median(gaps))
-        self.forget()
-
-    def forget(self) -> None:
-        """A new episode."""
         self._heard: dict[tuple[float, float, float], Scan] = {}
 
     def panorama(self, observation: Observation, pose: SE2) -> ScanPanorama | None:

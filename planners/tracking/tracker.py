@@ -27,10 +27,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robocar.core import Array, frozen_array
+from robocar.core.compiling import warm_up
 from robocar.planners.tracking import kernel as kernel
 from robocar.planners.tracking.panorama import ScanPanorama
 
-_NOTHING = (frozen_array(np.zeros(2)), frozen_array(np.zeros(0)), frozen_array(np.zeros(0)))
+_NOTHING = kernel.Sight(frozen_array(np.zeros(2)), frozen_array(np.zeros(0)), frozen_array(np.zeros(0)))
 
 
 class Kind(Enum):
@@ -89,25 +90,10 @@ class ObstacleTracker:
 
     def __init__(self, max_obstacle_width: float, max_distance: float) -> None:
         self._max_width, self._max_distance = max_obstacle_width, max_distance
-        self.forget()
-        self._warm_up()
-        self.forget()
-
-    def forget(self) -> None:
-        """A new episode."""
         self._rows = kernel.Rows()
         self._past: deque[ScanPanorama] = deque(maxlen=16)
         self._dynamic: list[Tracked] | None = None
-
-    def _warm_up(self) -> None:
-        """Compiled here, not in the control loop: something passes by."""
-        bearings = frozen_array(np.linspace(-math.pi, math.pi, 72, endpoint=False))
-        panorama = ScanPanorama(0.0, frozen_array(np.zeros(2)), bearings, frozen_array(np.full(72, 4.0)), 6.0, math.tau / 72)
-        for k in range(12):
-            ranges = np.full(72, 4.0)
-            ranges[10 + 2 * k : 14 + 2 * k] = 1.0
-            panorama = replace(panorama, time=0.1 * k, ranges=frozen_array(ranges))
-            self.update(panorama)
+        _warm_up()
 
     @property
     def tracked(self) -> list[Tracked]:
@@ -151,15 +137,16 @@ class ObstacleTracker:
         )
         points = kernel.ends_of(panorama.origin, panorama.bearings, panorama.ranges, beams)
         earlier = (self._before(panorama.time, kernel.FIRST_LOOK_BACK), self._before(panorama.time, kernel.LOOK_BACK))
-        self._rows.step(panorama.time, clusters, points, panorama.origin, panorama.bearings, panorama.ranges, earlier)
+        sight = kernel.Sight(panorama.origin, panorama.bearings, panorama.ranges)
+        self._rows.step(panorama.time, clusters, points, sight, earlier)
         self._past.append(panorama)
         self._dynamic = None
 
-    def _before(self, now: float, age: float) -> tuple[Array, Array, Array]:
-        """The last scan that is so old: origin, bearings, ranges."""
+    def _before(self, now: float, age: float) -> kernel.Sight:
+        """The last scan that is so old."""
         for panorama in reversed(self._past):
             if now - panorama.time >= age:
-                return panorama.origin, panorama.bearings, panorama.ranges
+                return kernel.Sight(panorama.origin, panorama.bearings, panorama.ranges)
         return _NOTHING
 
 
@@ -233,3 +220,16 @@ def _breaks(bearings: Array, ranges: Array, i: int, j: int, spacing: float) -> b
         return True
     squared = a * a + b * b - 2.0 * a * b * math.cos(between)
     return squared > (0.12 + 2.0 * spacing * min(a, b)) ** 2
+
+
+@warm_up
+def _warm_up() -> None:
+    """Something passes by."""
+    tracker = ObstacleTracker(1.0, 5.0)
+    bearings = frozen_array(np.linspace(-math.pi, math.pi, 72, endpoint=False))
+    panorama = ScanPanorama(0.0, frozen_array(np.zeros(2)), bearings, frozen_array(np.full(72, 4.0)), 6.0, math.tau / 72)
+    for k in range(12):
+        ranges = np.full(72, 4.0)
+        ranges[10 + 2 * k : 14 + 2 * k] = 1.0
+        panorama = replace(panorama, time=0.1 * k, ranges=frozen_array(ranges))
+        tracker.update(panorama)

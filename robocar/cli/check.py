@@ -49,10 +49,9 @@ def check(path: Path, resolution: float | None) -> str:
     from robocar.episode.registry import find
     from robocar.scenario.load import load_scenario
     from robocar.scenario.scene import Scene
-    from robocar.sim.car import footprint
 
     scenario = load_scenario(path)
-    scene = Scene.load(scenario, footprint())
+    scene = Scene.load(scenario, scenario.robot_model().footprint)
     for kind in ("navigator", "estimator", "mapper"):
         find(kind, getattr(scenario.defaults, kind))  # type: ignore[arg-type]
     try:

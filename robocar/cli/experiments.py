@@ -9,7 +9,7 @@ from pathlib import Path
 
 import tyro
 
-from robocar.cli.output import Flag
+from robocar.cli.output import Flag, put
 
 
 def experiment(name: tyro.conf.Positional[str], /, out: Path = Path("runs"), quick: Flag = False, debug: Flag = False) -> int:
@@ -22,6 +22,7 @@ def experiment(name: tyro.conf.Positional[str], /, out: Path = Path("runs"), qui
         debug: show tracebacks.
     """
     run_experiment(name, out, quick)
+    put(str(out / name / "report.md"))
     return 0
 
 

@@ -2,31 +2,20 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import tyro
 
 from robocar.cli.output import Flag, dumps, fail, put
+from robocar.cli.run import find_modules_here
 
 
-def sweep_suite(
-    suite: tyro.conf.Positional[str],
-    /,
-    jobs: int | None = None,
-    scheduler: str | None = None,
-    out: Path | None = None,
-    resume: Flag = False,
-    navigator: tyro.conf.UseAppendAction[tuple[str, ...]] = (),
-    seed: tyro.conf.UseAppendAction[tuple[int, ...]] = (),
-    junit: Path | None = None,
-    json: Flag = False,
-    debug: Flag = False,
-) -> int:
-    """Run a suite: scenarios, navigators, estimators and seeds, on all cores or on a cluster.
-
+@dataclass(frozen=True)
+class SweepArguments:
+    """
     Args:
         suite: a name from models/suites or a file.
         jobs: how many runs at once on this machine; by default one per core.
@@ -39,19 +28,33 @@ def sweep_suite(
         json: print the results on stdout.
         debug: show tracebacks.
     """
+
+    suite: tyro.conf.Positional[str]
+    jobs: int | None = None
+    scheduler: str | None = None
+    out: Path | None = None
+    resume: Flag = False
+    navigator: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    seed: tyro.conf.UseAppendAction[tuple[int, ...]] = ()
+    junit: Path | None = None
+    json: Flag = False
+    debug: Flag = False
+
+
+def sweep_suite(args: Annotated[SweepArguments, tyro.conf.arg(name="")]) -> int:
+    """Run a suite: scenarios, navigators, estimators and seeds, on all cores or on a cluster."""
     from robocar.regression.suite import load_suite
     from robocar.regression.sweep import sweep
     from robocar.reporting.terminal import say, sweep_bar
 
-    if jobs is not None and jobs < 1:
-        fail(f"--jobs takes a number from 1 on, not {jobs}")
-    if any(":" in name for name in navigator):
-        sys.path.append(str(Path.cwd()))
-    loaded = load_suite(suite, navigators=navigator, seeds=seed)
-    folder = out or Path("runs") / loaded.name
+    if args.jobs is not None and args.jobs < 1:
+        fail(f"--jobs takes a positive integer, not {args.jobs}")
+    find_modules_here(*args.navigator)
+    loaded = load_suite(args.suite, navigators=args.navigator, seeds=args.seed)
+    folder = args.out or Path("runs") / loaded.name
     with sweep_bar() as progress:
-        swept = sweep(loaded, folder, jobs=jobs, scheduler=scheduler, resume=resume, progress=progress)
-    results(folder, junit=junit, json=json)
+        swept = sweep(loaded, folder, jobs=args.jobs, scheduler=args.scheduler, resume=args.resume, progress=progress)
+    results(folder, junit=args.junit, json=args.json)
     say(f"{swept.done} runs done, {swept.before} were there already, {len(swept.lost)} lost: {folder}")
     for name in swept.lost:
         say(f"lost: {folder / name / 'error.txt'}")
@@ -103,19 +106,9 @@ def results(
     return 0
 
 
-def compare_runs(
-    base: tyro.conf.Positional[Path],
-    new: tyro.conf.Positional[Path],
-    /,
-    exact: Flag = False,
-    subset: Flag = False,
-    out: Path = Path("divergence.rrd"),
-    junit: Path | None = None,
-    json: Flag = False,
-    debug: Flag = False,
-) -> int:
-    """Compare runs with earlier ones; the exit status is 1 when something got worse. Of two single runs: where they part.
-
+@dataclass(frozen=True)
+class CompareArguments:
+    """
     Args:
         base: earlier runs: a folder, a Parquet file, a baseline, or one run directory.
         new: the runs to judge, of the same kinds.
@@ -126,29 +119,43 @@ def compare_runs(
         json: print the comparison on stdout.
         debug: show tracebacks.
     """
+
+    base: tyro.conf.Positional[Path]
+    new: tyro.conf.Positional[Path]
+    exact: Flag = False
+    subset: Flag = False
+    out: Path = Path("divergence.rrd")
+    junit: Path | None = None
+    json: Flag = False
+    debug: Flag = False
+
+
+def compare_runs(args: Annotated[CompareArguments, tyro.conf.arg(name="")]) -> int:
+    """Compare runs with earlier ones; the exit status is 1 when something got worse. Of two single runs: where they part."""
     from robocar.regression import tables
     from robocar.regression.baseline import read_any
     from robocar.regression.compare import compare
     from robocar.reporting.terminal import say
 
+    base, new = args.base, args.new
     if (base / "metrics.json").is_file() and (new / "metrics.json").is_file():
         from robocar.regression.divergence import describe, find_divergence
         from robocar.regression.divergence import to_json as divergence_json
 
-        divergence = find_divergence(base, new, out)
+        divergence = find_divergence(base, new, args.out)
         say(describe(divergence))
-        if json:
+        if args.json:
             put(dumps(divergence_json(divergence)))
         return 0 if divergence.first is None else 1
     old, now = read_any(base), read_any(new)
     for side in (old, now):
         for skipped in side.skipped:
             say(f"skipped: {side.source / skipped}")
-    found = compare(old, now, exact=True if exact else None, subset=subset)
+    found = compare(old, now, exact=True if args.exact else None, subset=args.subset)
     say(tables.comparison_text(found))
-    if junit is not None:
-        tables.write_junit(junit, f"{base} and {new}", tables.junit_of_comparison(found))
-    if json:
+    if args.junit is not None:
+        tables.write_junit(args.junit, f"{base} and {new}", tables.junit_of_comparison(found))
+    if args.json:
         put(dumps(tables.comparison_json(found)))
     return 1 if found.failures else 0
 

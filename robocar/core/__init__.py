@@ -1,5 +1,6 @@
 """The values and interfaces that everything speaks. Imports numpy and numba, nothing else."""
 
+from robocar.core.capabilities import declares
 from robocar.core.command import STOP, Command, Done, Drive, GiveUp, Hold, Serial
 from robocar.core.errors import (
     BudgetExhausted,
@@ -7,6 +8,7 @@ from robocar.core.errors import (
     LogFormatError,
     MapFormatError,
     MapTooLarge,
+    MetricError,
     NoPathFound,
     OutputError,
     OutsideMap,
@@ -30,10 +32,19 @@ from robocar.core.grid import (
     GridMap,
     OccupancyGrid,
 )
-from robocar.core.interfaces import Estimator, GlobalPlanner, LocalPlanner, Mapper, Navigator
+from robocar.core.interfaces import (
+    Controller,
+    Estimator,
+    EvadingController,
+    GlobalPlanner,
+    Mapper,
+    Navigator,
+    PoseEstimator,
+)
 from robocar.core.observation import Detection, Image, Observation, Reading, Scan, WheelAngles
 from robocar.core.plan import Belief, Goal, Path, Plan
 from robocar.core.robot import Calibration, Context, Landmark, Limits, RangeSensor, Robot
+from robocar.core.state import MapView, State
 from robocar.core.trace import Arrows, Circles, Field, Lines, Points, Scalar, Segments, Text, Trace
 
 __all__ = [
@@ -53,11 +64,13 @@ __all__ = [
     "Circles",
     "Command",
     "Context",
+    "Controller",
     "Costmap",
     "Detection",
     "Done",
     "Drive",
     "Estimator",
+    "EvadingController",
     "Field",
     "Footprint",
     "GiveUp",
@@ -70,11 +83,12 @@ __all__ = [
     "Landmark",
     "Limits",
     "Lines",
-    "LocalPlanner",
     "LogFormatError",
     "MapFormatError",
     "MapTooLarge",
+    "MapView",
     "Mapper",
+    "MetricError",
     "Navigator",
     "NoPathFound",
     "Observation",
@@ -86,6 +100,7 @@ __all__ = [
     "Plan",
     "PlanningError",
     "Points",
+    "PoseEstimator",
     "RangeSensor",
     "Reading",
     "RobocarError",
@@ -96,11 +111,13 @@ __all__ = [
     "Segments",
     "Serial",
     "StartOccupied",
+    "State",
     "Text",
     "Trace",
     "Twist",
     "UnknownNameError",
     "WheelAngles",
+    "declares",
     "frozen_array",
     "wrap_angle",
     "wrap_angles",

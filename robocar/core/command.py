@@ -1,4 +1,4 @@
-"""What a navigator wants the car to do next."""
+"""What a navigator wants the robot to do next."""
 
 from __future__ import annotations
 
@@ -7,51 +7,56 @@ from typing import TypeAlias
 
 from robocar.core.geometry import Twist
 from robocar.core.trace import Trace
+from robocar.core.work import Work
 
 
-@dataclass(frozen=True, slots=True)
-class Drive:
-    """Keep this twist until told otherwise; `pan` turns the camera [rad]."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Decision:
+    """What every command may carry.
 
-    twist: Twist
+    Args:
+        pan: turns the camera [rad].
+        trace: what is to be seen of the decision; it is for eyes, no algorithm and no metric reads it.
+        work: what was computed for it (`robocar.core.work`).
+    """
+
     pan: float | None = None
     trace: Trace = field(default_factory=dict)
+    work: Work = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
-class Serial:
+class Drive(_Decision):
+    """Keep this twist until told otherwise."""
+
+    twist: Twist
+
+
+@dataclass(frozen=True, slots=True)
+class Serial(_Decision):
     """A line for the firmware's command interpreter, e.g. `M2` (thesis, Table 3.1)."""
 
     line: str
-    pan: float | None = None
-    trace: Trace = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
-class Hold:
+class Hold(_Decision):
     """Send nothing: what is being executed goes on."""
 
-    pan: float | None = None
-    trace: Trace = field(default_factory=dict)
-
 
 @dataclass(frozen=True, slots=True)
-class Done:
+class Done(_Decision):
     """The task is finished (for tasks without a goal, such as exploration)."""
 
     reason: str
-    pan: float | None = None
-    trace: Trace = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
-class GiveUp:
+class GiveUp(_Decision):
     """The navigator sees no way (`status` is `no_path`) or no progress (`stuck`)."""
 
     reason: str
     status: str = "no_path"
-    pan: float | None = None
-    trace: Trace = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.status not in ("no_path", "stuck"):

@@ -11,7 +11,13 @@ from typing import Any
 
 
 class RobocarError(Exception):
-    """Root of all errors that name a cause outside the code: a file, an argument, a world without a way."""
+    """Root of all errors that name a cause outside the code: a file, an argument, a world without a way.
+
+    Its message is one line, whatever a parser's message that stands in it is.
+    """
+
+    def __str__(self) -> str:
+        return " ".join(line.strip() for line in super().__str__().splitlines() if line.strip())
 
 
 class MapFormatError(RobocarError):
@@ -36,6 +42,10 @@ class ParameterError(RobocarError):
 
 class OutputError(RobocarError):
     """A run directory that exists already, cannot be written, or whose disk is full."""
+
+
+class MetricError(RobocarError):
+    """The module of a metric that cannot be imported."""
 
 
 class MapTooLarge(RobocarError):

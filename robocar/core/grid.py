@@ -161,3 +161,13 @@ class Costmap(GridMap):
     def blocked(self) -> NDArray[np.bool_]:
         """Cells where the robot's centre must not be, (rows, cols)."""
         return self.data >= INSCRIBED
+
+
+def cutout(data: NDArray, row: int, col: int, shape: tuple[int, int]) -> NDArray:
+    """A copy of the cells of `data` from (row, col) on, with this shape; zero where `data` has none."""
+    cells = np.zeros(shape, dtype=data.dtype)
+    (rows, cols), (height, width) = data.shape, shape
+    r0, r1, c0, c1 = max(0, row), min(rows, row + height), max(0, col), min(cols, col + width)
+    if r1 > r0 and c1 > c0:
+        cells[r0 - row : r1 - row, c0 - col : c1 - col] = data[r0:r1, c0:c1]
+    return cells

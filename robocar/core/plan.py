@@ -9,6 +9,7 @@ import numpy as np
 
 from robocar.core.geometry import SE2, Array, Twist, frozen_array
 from robocar.core.trace import Trace
+from robocar.core.work import Work
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -19,6 +20,8 @@ class Belief:
         covariance: of (x, y, theta), (3, 3) [m, m, rad], or None.
         twist: estimated velocity.
         particles: (n, 4) as x, y, theta, weight, or None.
+        odom_from_robot: the pose by odometry alone, which drifts and never jumps; None where `pose` itself is such a one: then
+            the odometry's frame is the map's.
     """
 
     pose: SE2
@@ -26,6 +29,27 @@ class Belief:
     twist: Twist = Twist()
     particles: Array | None = None
     trace: Trace = field(default_factory=dict)
+    odom_from_robot: SE2 | None = None
+
+    def __post_init__(self) -> None:
+        odom = self.odom_from_robot
+        if not (isinstance(self.pose, SE2) and isinstance(self.twist, Twist) and (odom is None or isinstance(odom, SE2))):
+            raise TypeError(f"a belief needs a pose, a twist and odom_from_robot, not {self.pose!r}, {self.twist!r} and {odom!r}")
+        if self.covariance is not None:
+            object.__setattr__(self, "covariance", _finite(self.covariance, "covariance", (3, 3)))
+        if self.particles is not None:
+            object.__setattr__(self, "particles", _finite(self.particles, "particles", (len(self.particles), 4)))
+
+
+def _finite(values: Array, name: str, shape: tuple[int, ...]) -> Array:
+    array = frozen_array(values)
+    flat = array.reshape(-1)
+    # A finite sum of squares has finite terms; asked once or twice a tick, it takes a quarter of the time.
+    if array.shape != shape or not (math.isfinite(flat.dot(flat)) or np.isfinite(array).all()):
+        raise ValueError(
+            f"a belief's {name} are finite numbers of shape {shape}, not shape {array.shape}: {array.tolist()!r:.80}"
+        )
+    return array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,10 +106,10 @@ class Plan:
     Args:
         path: from start to goal, both included.
         cost: in the planner's own measure, said in its docstring.
-        expanded: nodes, samples or sweeps that it took.
+        work: what it took (`robocar.core.work`).
     """
 
     path: Path
     cost: float
-    expanded: int
+    work: Work = field(default_factory=dict)
     trace: Trace = field(default_factory=dict)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -11,6 +12,7 @@ from robocar.core.errors import ParameterError
 from robocar.core.footprint import Footprint
 from robocar.core.geometry import SE2, Array, frozen_array
 from robocar.core.grid import OccupancyGrid
+from robocar.core.truth import GroundTruth
 
 P = TypeVar("P")
 
@@ -82,7 +84,7 @@ class Calibration:
 
 @dataclass(frozen=True, slots=True)
 class Robot:
-    """Everything that planners and estimators are told about the car."""
+    """Everything that planners and estimators are told about the car; `sensors` names all that are fitted."""
 
     footprint: Footprint
     limits: Limits
@@ -93,6 +95,7 @@ class Robot:
     compass: bool = False
     camera: bool = False
     top_camera: bool = False
+    sensors: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +108,10 @@ class Landmark:
     radius: float
 
 
+def _no_oracle() -> GroundTruth:
+    raise RuntimeError("the simulator's truth is given to an estimator whose factory declares it: @declares(oracle=True)")
+
+
 @dataclass(frozen=True, slots=True)
 class Context:
     """What every factory `build(context)` gets.
@@ -114,21 +121,33 @@ class Context:
         prior: the map that the robot is given, or None.
         start: the pose that the robot is told it starts from, or None (global localization).
         landmarks: the balls that it is told of.
-        parameters: flat overrides by name; each component picks its own (`parameters_of`).
+        parameters: overrides by name, nested by part: `{"speed": 0.3, "controller": {"sim_time": 3.0}}` (`parameters_of`,
+            `part`).
         rng: the component's own random stream.
         control_period: time between two commands [s].
+        oracle: the simulator's truth, only for factories that declare that they want it (`robocar.core.capabilities`).
+        whole: of a part's context, the parameters that `part` took it from.
+        path: of these parameters among the settings, `navigator.controller`, for messages.
     """
 
     robot: Robot
     prior: OccupancyGrid | None
     start: SE2 | None
     landmarks: tuple[Landmark, ...]
-    parameters: dict[str, Any]
+    parameters: Mapping[str, Any]
     rng: np.random.Generator
     control_period: float
+    oracle: Callable[[], GroundTruth] = _no_oracle
+    whole: Mapping[str, Any] | None = None
+    path: str = ""
+
+    def part(self, name: str) -> Context:
+        """The same context with the parameters of one part, e.g. of the `controller`; a part has the parts of the whole."""
+        whole, path = (self.parameters, self.path) if self.whole is None else (self.whole, self.path.rpartition(".")[0])
+        return replace(self, parameters=whole.get(name, {}), whole=whole, path=f"{path}.{name}")
 
     def parameters_of(self, cls: type[P]) -> P:
-        """The dataclass of parameters `cls` with the overrides that carry its fields' names.
+        """The dataclass of parameters `cls` with the overrides of this part that carry its fields' names.
 
         Raises:
             ParameterError: a value has the wrong type, or the dataclass refuses it.
@@ -136,11 +155,11 @@ class Context:
         chosen = {}
         for f in fields(cls):  # type: ignore[arg-type]
             if f.name in self.parameters:
-                chosen[f.name] = _as_type_of(f.default, self.parameters[f.name], f.name)
+                chosen[f.name] = _as_type_of(f.default, self.parameters[f.name], f"{self.path}.{f.name}".lstrip("."))
         try:
             return cls(**chosen)
         except ValueError as error:
-            raise ParameterError(f"{cls.__module__}: {error}") from error
+            raise ParameterError(f"{self.path or cls.__module__}: {error}") from error
 
 
 def _as_type_of(default: Any, value: Any, name: str) -> Any:
@@ -148,7 +167,7 @@ def _as_type_of(default: Any, value: Any, name: str) -> Any:
     if isinstance(default, bool):
         good = isinstance(value, bool)
     elif isinstance(default, float):
-        good = isinstance(value, int | float) and not isinstance(value, bool)
+        good = isinstance(value, float) or (isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**1000)
         value = float(value) if good else value
     elif isinstance(default, int):
         good = isinstance(value, int) and not isinstance(value, bool)
@@ -157,5 +176,5 @@ def _as_type_of(default: Any, value: Any, name: str) -> Any:
     else:
         good = True
     if not good:
-        raise ParameterError(f"parameter {name} takes a {type(default).__name__} (default {default!r}), not {value!r}")
+        raise ParameterError(f"parameter {name} takes a {type(default).__name__} (default {default!r}), not {value!r:.80}")
     return value

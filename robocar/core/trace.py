@@ -7,8 +7,9 @@ algorithm needs no new drawing code.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeAlias
 
 from robocar.core.geometry import Array
@@ -95,3 +96,27 @@ class Text:
 
 Drawable: TypeAlias = Points | Lines | Segments | Arrows | Circles | Field | Scalar | Text
 Trace: TypeAlias = Mapping[str, Drawable]
+
+
+class LazyTrace(Mapping[str, Drawable]):
+    """A trace whose drawables are made when somebody looks at them, so that a search costs the same unrecorded."""
+
+    def __init__(self, makers: Mapping[str, Callable[[], Drawable]]) -> None:
+        self._makers = dict(makers)
+        self._made: dict[str, Drawable] = {}
+
+    def __getitem__(self, name: str) -> Drawable:
+        if name not in self._made:
+            self._made[name] = self._makers[name]()
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._makers)
+
+    def __len__(self) -> int:
+        return len(self._makers)
+
+
+def merged(*traces: Trace) -> Trace:
+    """All of them, still lazy; the first counts where a name is used twice."""
+    return LazyTrace({name: partial(trace.__getitem__, name) for trace in reversed(traces) for name in trace})

@@ -1,13 +1,16 @@
-"""What ends an episode, and how: arrival, contact, time, lack of progress."""
+"""What ends a robot's part of an episode, and how: arrival, contact, time, lack of progress."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
 
-from robocar.core import SE2, Belief, Command, Done, Drive, GiveUp, Goal, Scalar, Serial, Twist, wrap_angle
+from robocar.core import SE2, Belief, Command, Done, Drive, GiveUp, Goal, Serial, Twist, wrap_angle
 from robocar.core.truth import GroundTruth
-from robocar.episode.car import Car
+from robocar.core.work import Work
+from robocar.episode.body import Body, Physics
+from robocar.episode.outcome import Outcome
+from robocar.episode.result import Effort
 
 FORGETTING = 2.0  # [s] that a navigator may take to see that a mover has left the goal
 
@@ -47,20 +50,23 @@ class Tick:
 
 
 @dataclass(slots=True)
-class Episode:
-    """A run in progress and, when it is over, its outcome.
+class Judge(Outcome):
+    """Watches one robot, and says when its part of the episode is over and how it ended.
 
-    `status` is one of success, collision, timeout, stuck, no_path, missed (the car believes to have arrived, and has not),
-    diverged, error, interrupted.
+    `status` is one of success, collision, timeout, stuck, no_path, missed (the robot believes to have arrived, and has not),
+    diverged, error, interrupted; empty while it goes on.
+
+    Args:
+        world, robot: what is watched.
+        goal: where the robot shall go, None where its navigator says when it is done.
     """
 
     rules: Rules
     goal: Goal | None
-    status: str = ""
-    reason: str = ""
-    traceback: str = ""
+    world: Physics
+    robot: Body
     ticks: list[Tick] = field(default_factory=list)
-    replans: int = 0
+    efforts: list[Effort] = field(default_factory=list)
     carried: bool = False
     _anchor: SE2 | None = None
     _anchor_time: float = 0.0
@@ -70,21 +76,13 @@ class Episode:
     _taken_by: str | None = None
     _taken_at: float = -math.inf
 
-    @property
-    def done(self) -> bool:
-        return bool(self.status)
-
-    def end(self, status: str, reason: str) -> None:
-        if not self.done:
-            self.status, self.reason = status, reason
-
-    def judge(self, car: Car, tick: Tick, command: Command) -> None:
-        """Keeps the tick and decides whether the run is over."""
+    def judge(self, tick: Tick, command: Command, work: Work) -> None:
+        """Keeps the tick and decides whether it is over; `work` is what estimator and navigator computed in it."""
         self.ticks.append(tick)
+        if work:
+            self.efforts.append(Effort(tick.truth.time, tick.plan_time, dict(work)))
         truth = tick.truth
-        if "replans" in command.trace and isinstance(scalar := command.trace["replans"], Scalar):
-            self.replans = int(scalar.value)
-        problem = car.diverged()
+        problem = self.world.diverged()
         if problem is not None:
             self.end("diverged", problem)
         elif self.rules.end_on_contact and truth.contact and not tick.standing:
@@ -93,19 +91,19 @@ class Episode:
             self._arrive(self.goal, truth)
         elif isinstance(command, Done):
             self.end("success", command.reason)
-        elif isinstance(command, GiveUp) and not self._mover_on_goal(car, truth):
+        elif isinstance(command, GiveUp) and not self._mover_on_goal(truth):
             self.end(command.status, command.reason)
         elif truth.time >= self.rules.time_limit - 1e-9:
-            taken = f": mover {mover!r} stands on the goal" if (mover := self._mover_on_goal(car, truth)) else ""
+            taken = f": mover {mover!r} stands on the goal" if (mover := self._mover_on_goal(truth)) else ""
             self.end("timeout", f"not there after {self.rules.time_limit:g} s{taken}")
-        elif not self._progress(car, tick):
+        elif not self._progress(tick):
             self.end("stuck", f"no progress for {self.rules.movement_time:g} s at ({truth.pose.x:.2f}, {truth.pose.y:.2f})")
 
-    def _mover_on_goal(self, car: Car, truth: GroundTruth) -> str | None:
+    def _mover_on_goal(self, truth: GroundTruth) -> str | None:
         """Which one, if any, or was until just now: whoever gives up or stands still then has to wait until the time is over."""
         if self.goal is None or not truth.movers:
             return None
-        mover = car.mover_at(self.goal.position)
+        mover = self.world.mover_at(self.goal.position, self.robot)
         if mover is not None:
             self._taken_by, self._taken_at = mover, truth.time
         return self._taken_by if truth.time - self._taken_at <= FORGETTING else None
@@ -117,21 +115,21 @@ class Episode:
         else:
             self.end("missed", f"believes to be at the goal but is {distance:.2f} m from it")
 
-    def _progress(self, car: Car, tick: Tick) -> bool:
+    def _progress(self, tick: Tick) -> bool:
         """Nav2's progress checker; turning, holding for a command in execution and waiting for the goal count as progress."""
         rules, truth = self.rules, tick.truth
         moved = (
             self._anchor is None
-            or car.busy
+            or self.robot.busy
             or self._anchor.distance_to(truth.pose) >= rules.movement_radius
             or abs(wrap_angle(self._anchor.theta - truth.pose.theta)) >= rules.movement_angle
         )
-        if moved or (truth.time - self._anchor_time > rules.movement_time and self._mover_on_goal(car, truth)):
+        if moved or (truth.time - self._anchor_time > rules.movement_time and self._mover_on_goal(truth)):
             self._anchor, self._anchor_time = truth.pose, truth.time
         return truth.time - self._anchor_time <= rules.movement_time
 
-    def stands(self, car: Car, command: Command, truth: GroundTruth) -> bool:
-        """Whether the car has stood still since it came to rest; `command` is the last one that was executed.
+    def stands(self, command: Command, truth: GroundTruth) -> bool:
+        """Whether the car has stood still since it came to rest; `command` is the last one that was executed. Asked once a tick.
 
         A wall that stops a car which is told to drive does not make it stand, nor does a mover that pushes a standing car make
         it drive.
@@ -141,14 +139,14 @@ class Episode:
         elif isinstance(command, Serial):
             self._driven = False
         at_rest = abs(truth.twist.v) < 0.005 and abs(truth.twist.omega) < 0.02  # no faster than creep
-        self._standing = not self._driven and not car.busy and (self._standing or at_rest)
+        self._standing = not self._driven and not self.robot.busy and (self._standing or at_rest)
         return self._standing
 
-    def play_events(self, car: Car, time: float) -> None:
+    def play_events(self, time: float) -> None:
         """What happens between two ticks, unseen by the estimators."""
         self.carried = False
         while self._kidnapped < len(self.rules.kidnaps) and self.rules.kidnaps[self._kidnapped][0] <= time + 1e-9:
-            car.kidnap(self.rules.kidnaps[self._kidnapped][1])
+            self.robot.kidnap(self.rules.kidnaps[self._kidnapped][1])
             self._kidnapped += 1
             self._anchor = None
             self.carried = True

@@ -1,83 +1,109 @@
-"""The loop: sense, estimate, map, decide, act.
+"""The loop: sense, estimate, decide, act; then the world moves on.
 
 Ground truth reaches the recorder and the judge only.
 """
 
 from __future__ import annotations
 
-import time as wall
-import traceback
+from collections.abc import Sequence
+from dataclasses import dataclass
 
-from robocar.core import STOP, Command, Estimator, Goal, Mapper, Navigator, OutputError
-from robocar.episode.car import Car, DeadReckoning
-from robocar.episode.checked import checked, checked_belief
+from robocar.core import STOP, Command, Goal, MapView, OccupancyGrid
+from robocar.core.work import total
+from robocar.episode.body import Body, DeadReckoning, Physics
+from robocar.episode.checked import CheckedEstimator, CheckedNavigator, drawn
 from robocar.episode.interrupt import Interrupt
-from robocar.episode.judge import Episode, Rules, Tick
+from robocar.episode.judge import Judge, Tick
+from robocar.episode.map_watch import MapWatch
 from robocar.episode.progress import RunProgress
 from robocar.recording import Recorder
 
 
-def navigate(
-    car: Car,
-    estimator: Estimator,
-    mapper: Mapper,
-    navigator: Navigator,
-    recorder: Recorder,
-    odometry: DeadReckoning,
-    goal: Goal | None,
-    rules: Rules,
-    progress: RunProgress | None = None,
-) -> Episode:
-    """Runs until the episode is over. Errors of the parts end the episode, not the process; so does Ctrl-C.
+@dataclass(slots=True, eq=False)
+class Agent:
+    """A robot with what drives it, and who watches it.
+
+    Args:
+        goal: where it shall go, or None.
+        estimator: says pose and map; `Assembly.estimator` makes it.
+        odometry: dead reckoning beside the estimator.
+        watch: says how good the map is so far; None where nobody wants to know.
+        command: the last one that was executed; map: the last one that was drawn.
+    """
+
+    robot: Body
+    estimator: CheckedEstimator
+    navigator: CheckedNavigator
+    goal: Goal | None
+    judge: Judge
+    odometry: DeadReckoning
+    recorder: Recorder
+    watch: MapWatch | None = None
+    command: Command = STOP
+    map: MapView | None = None
+
+    def tick(self, world: Physics) -> None:
+        """One control tick; the robot acts when the world moves on."""
+        truth = world.ground_truth(self.robot)
+        standing = self.judge.stands(self.command, truth)
+        with self.judge.failures():
+            observation = self.robot.sense()
+            reckoned = self.odometry.update(observation, self.command).pose
+            state = self.estimator.update(observation, self.command)
+            command = self.navigator.command(state, observation, self.goal)
+            self.recorder.log(
+                observation,
+                state,
+                command,
+                truth,
+                odometry=reckoned,
+                planning_time=self.navigator.seconds,
+                signals=self.watch.look(truth, state.map) if self.watch is not None else {},
+            )
+            tick = Tick(truth, state.belief, reckoned, standing, self.navigator.seconds, self.judge.carried)
+            self.judge.judge(tick, command, total(state.work, command.work))
+            self.command, self.map = command, state.map
+        self.robot.act(STOP if self.judge.done else self.command)
+
+    def drawn(self) -> OccupancyGrid | None:
+        """The map as it is now; an error in it is the robot's outcome."""
+        with self.judge.failures():
+            return drawn(self.map)
+        return None
+
+
+def navigate(world: Physics, agents: Sequence[Agent], progress: RunProgress | None = None) -> None:
+    """Runs until all agents are done; one that is done stands, and stays in the world as an obstacle.
+
+    Errors of the parts end the episode, not the process; so does Ctrl-C.
 
     Raises:
-        OutputError: the recording cannot be written.
+        OutputError: a recording cannot be written.
     """
-    episode = Episode(rules, goal)
     try:
         with Interrupt() as interrupt:
-            _loop(car, estimator, mapper, navigator, recorder, odometry, goal, episode, progress, interrupt)
+            _loop(world, agents, interrupt, progress)
     except KeyboardInterrupt:
-        episode.end("interrupted", "stopped by the user")
-    return episode
+        _end(agents)
 
 
-def _loop(
-    car: Car,
-    estimator: Estimator,
-    mapper: Mapper,
-    navigator: Navigator,
-    recorder: Recorder,
-    odometry: DeadReckoning,
-    goal: Goal | None,
-    episode: Episode,
-    progress: RunProgress | None,
-    interrupt: Interrupt,
-) -> None:
-    command: Command = STOP
-    while not episode.done:
-        observation = car.sense()
-        truth = car.ground_truth()
-        dead_reckoning = odometry.update(observation, command)
-        standing = episode.stands(car, command, truth)
-        try:
-            belief = checked_belief(estimator.update(observation, command))
-            mapper.update(belief, observation)
-            started = wall.perf_counter()
-            command = checked(navigator.command(belief, mapper, observation, goal))
-            planning_time = wall.perf_counter() - started
-            recorder.log(observation, belief, mapper, command, truth, odometry=dead_reckoning.pose, planning_time=planning_time)
-        except OutputError:
-            raise
-        except (Exception, SystemExit) as error:  # also a mapper's grid or a trace that cannot be drawn
-            episode.end("error", f"{type(error).__name__}: {error}")
-            episode.traceback = traceback.format_exc()
-            return
-        episode.judge(car, Tick(truth, belief, dead_reckoning.pose, standing, planning_time, episode.carried), command)
+def _loop(world: Physics, agents: Sequence[Agent], interrupt: Interrupt, progress: RunProgress | None) -> None:
+    while True:
+        for agent in agents:
+            if not agent.judge.done:
+                agent.tick(world)
         if interrupt.asked:
-            episode.end("interrupted", "stopped by the user")
-        if not episode.done:
-            episode.play_events(car, truth.time)
-            car.act(command)
-        if progress is not None:
-            progress(truth.time, episode.rules.time_limit)
+            _end(agents)
+        if progress is not None and (ticks := agents[0].judge.ticks):
+            progress(ticks[-1].truth.time, agents[0].judge.rules.time_limit)
+        if all(agent.judge.done for agent in agents):
+            return
+        for agent in agents:
+            if not agent.judge.done:
+                agent.judge.play_events(agent.judge.ticks[-1].truth.time)
+        world.step()
+
+
+def _end(agents: Sequence[Agent]) -> None:
+    for agent in agents:
+        agent.judge.end("interrupted", "stopped by the user")

@@ -4,13 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+from robocar.core.work import Work
 from robocar.episode.fingerprint import fingerprint, versions
 from robocar.formats import Trajectory
-from robocar.metrics.run import Metric
+from robocar.metrics import Metric
 
 SCHEMA = 1
+
+
+class Effort(NamedTuple):
+    """What a tick took: simulated time [s], wall time of the navigator [s], and what was computed (`robocar.core.work`)."""
+
+    time: float
+    seconds: float
+    work: Work
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,6 +31,7 @@ class RunResult:
         metrics: by name, see `robocar.metrics`.
         hash: sha256 over the physics state at each control tick: equal seeds, equal hash.
         truth, estimate, odometry: trajectories, at the same times.
+        efforts: of the commands that say that something was computed for them.
         directory: where the files are, None if none were asked for.
         traceback: of a part that raised, else empty.
     """
@@ -38,6 +48,7 @@ class RunResult:
     truth: Trajectory
     estimate: Trajectory
     odometry: Trajectory
+    efforts: tuple[Effort, ...] = ()
     directory: Path | None = None
     traceback: str = ""
 

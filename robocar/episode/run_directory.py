@@ -3,28 +3,21 @@
 from __future__ import annotations
 
 import glob
-import hashlib
 import json
 import os
 import shutil
-from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import yaml
 
-from robocar.core import OutputError
+from robocar.core import OccupancyGrid, OutputError
 from robocar.episode.fingerprint import fingerprint, versions
-from robocar.scenario.model import Scenario
-
-
-def run_name(scenario: str, chosen: Mapping[str, str], seed: int, settings: Mapping[str, Any]) -> str:
-    """`<scenario>--<navigator>--<estimator>--<mapper>--s<seed>[--<8 hex of the overrides>]`: the name of a run's directory."""
-    parts = [scenario, chosen["navigator"], chosen["estimator"], chosen["mapper"], f"s{seed}"]
-    if settings:
-        text = json.dumps(dict(sorted(settings.items())), sort_keys=True, default=str)
-        parts.append(hashlib.sha256(text.encode()).hexdigest()[:8])
-    return "--".join(part.replace("/", "_").replace(":", "_") for part in parts)
+from robocar.episode.map_watch import decided
+from robocar.episode.result import RunResult
+from robocar.episode.spec import RunSpec
+from robocar.formats import save_ros_map, write_tum
+from robocar.recording import Recorder, Scenery
 
 
 class RunDirectory:
@@ -32,31 +25,17 @@ class RunDirectory:
 
     `path` is where to write; a run that ends by an exception leaves nothing but what `path` then holds (a recording, say), under
     a name that starts with a dot and ends with `.partial`.
+
+    Args:
+        out: the folder that the run's directory is made in.
+        force: replace an existing run.
     """
 
-    def __init__(
-        self,
-        out: str | Path,
-        scenario: Scenario,
-        chosen: Mapping[str, str],
-        seed: int,
-        settings: Mapping[str, Any],
-        force: bool,
-    ) -> None:
-        self.name = run_name(scenario.name, chosen, seed, settings)
+    def __init__(self, out: str | Path, spec: RunSpec, force: bool) -> None:
+        self.spec, self.name = spec, spec.name
         self.final = Path(out) / self.name
         self.path = Path(out) / f".{self.name}.{os.getpid()}.partial"
         self._force = force
-        plain = json.loads(json.dumps(dict(settings), default=str))  # whatever Python was handed, YAML can hold
-        self._config = {
-            "scenario": scenario.model_dump(mode="json"),
-            "folder": str(scenario.folder),  # where the scenario's files are looked for
-            **dict(chosen),
-            "seed": seed,
-            "settings": plain,
-            "versions": versions(),
-            "fingerprint": fingerprint(),
-        }
 
     def __enter__(self) -> RunDirectory:
         try:
@@ -64,7 +43,7 @@ class RunDirectory:
                 raise OutputError(f"{self.final}: this run exists already; --force replaces it")
             shutil.rmtree(self.path, ignore_errors=True)  # of a killed process that had our number
             self.path.mkdir(parents=True)
-            (self.path / "config.yaml").write_text(yaml.safe_dump(self._config, sort_keys=False))
+            (self.path / "config.yaml").write_text(yaml.safe_dump(_config(self.spec), sort_keys=False))
         except OSError as error:
             raise OutputError(f"{self.final.parent}: cannot write a run here: {error.strerror or error}") from error
         return self
@@ -82,12 +61,29 @@ class RunDirectory:
             for left in out.glob(f".{glob.escape(name)}.*.{pattern}"):
                 shutil.rmtree(left, ignore_errors=True)
 
-    def complete(self) -> Path:
-        """Everything is written: give the directory its name.
+    def recorder(self, scenery: Scenery, live: bool, subject: dict[str, str]) -> Recorder:
+        """Writes `run.rrd`; `subject` says what is recorded, e.g. `{"scenario": ...}`."""
+        from robocar.recording import RerunRecorder  # takes most of a second to import
+
+        properties = {**subject, **self.spec.parts, "seed": self.spec.seed}
+        return RerunRecorder(self.path / "run.rrd", run_id=self.name, scenery=scenery, live=live, properties=properties)
+
+    def file(self, result: RunResult, grid: OccupancyGrid | None) -> RunResult:
+        """Writes a finished run, with the map that it drew, and gives the directory its name; the result that knows where it is.
 
         Raises:
             OSError: another process has finished the same run meanwhile, and nobody asked to replace it.
         """
+        for name, trajectory in (("truth", result.truth), ("estimate", result.estimate), ("odometry", result.odometry)):
+            write_tum(self.path / f"{name}.tum", trajectory.times, trajectory.poses)
+        if grid is not None:
+            save_ros_map(decided(grid), self.path / "map")
+        if result.traceback:
+            (self.path / "error.txt").write_text(result.traceback)
+        (self.path / "metrics.json").write_text(json.dumps(result.summary(), indent=1) + "\n")
+        return replace(result, directory=self._complete())
+
+    def _complete(self) -> Path:
         if self._force and self.final.exists():
             old = self.final.with_name(f".{self.name}.{os.getpid()}.replaced")
             os.rename(self.final, old)
@@ -96,3 +92,16 @@ class RunDirectory:
         else:
             os.rename(self.path, self.final)
         return self.final
+
+
+def _config(spec: RunSpec) -> dict[str, object]:
+    """What `config.yaml` holds: enough to run it again."""
+    return {
+        "scenario": spec.scenario.model_dump(mode="json"),
+        "folder": str(spec.scenario.folder),  # where the scenario's files are looked for
+        **spec.parts,
+        "seed": spec.seed,
+        "settings": json.loads(json.dumps(dict(spec.settings), default=str)),  # whatever Python was handed, YAML can hold
+        "versions": versions(),
+        "fingerprint": fingerprint(),
+    }

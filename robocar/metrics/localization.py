@@ -9,49 +9,37 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robocar.core import Array, wrap_angles
-from robocar.metrics.run import Metric, heading_rmse, position_rmse
+from robocar.metrics.declaration import Tolerance, metric
+from robocar.metrics.run import heading_rmse, position_rmse
 
 POSITION_TOLERANCE, HEADING_TOLERANCE, HOLD = 0.10, math.radians(10.0), 2.0
 """An estimate has converged when it stays within these [m], [rad] for this time [s]."""
 
 
-def summarize_localization(
-    time: ArrayLike, truth: ArrayLike, estimate: ArrayLike, covariances: ArrayLike | None = None, carried: ArrayLike | None = None
-) -> dict[str, Metric]:
-    """All of them.
-
-    Args:
-        time: ascending, (n,) [s].
-        truth, estimate: (n, 3) x, y [m], theta [rad], nan where there is none.
-        covariances: of the estimate, (n, 3, 3), nan where there is none; None: nobody stated any.
-        carried: whether somebody moved the robot since the tick before, (n,) bool.
-    """
-    time, truth, estimate = (np.asarray(a, dtype=float) for a in (time, truth, estimate))
-    n = len(time)
-    known = after_convergence(time, truth, estimate, carried)
-    values: dict[str, tuple[float | None, str]] = {
-        "convergence_time": (convergence_time(time, truth, estimate), "s"),
-        "recovery_time": (recovery_time(time, truth, estimate, carried), "s"),
-        "position_rmse": (position_rmse(truth[known], estimate[known]) if n else None, "m"),
-        "heading_rmse": (heading_rmse(truth[known], estimate[known]) if n else None, "rad"),
-        "nees": (
-            nees(truth[known], estimate[known], np.asarray(covariances)[known]) if covariances is not None and n else None,
-            "1",
-        ),
-    }
-    return {f"localization/{name}": Metric(value=value, unit=unit) for name, (value, unit) in values.items()}
-
-
+@metric(
+    "localization/convergence_time",
+    unit="s",
+    tolerance=Tolerance("lower", absolute=0.5, relative=0.10),
+    needs=("time", "truth_poses", "estimate_poses"),
+    where="localized",
+)
 def convergence_time(time: ArrayLike, truth: ArrayLike, estimate: ArrayLike) -> float | None:
-    """From the first tick until the estimate begins to stay within `POSITION_TOLERANCE` and `HEADING_TOLERANCE` for `HOLD` [s].
+    """Time from the first tick until the estimate begins to stay within 10 cm and 10 degrees of the truth for 2 s [s].
 
-    None where it never does.
+    None where it never does. The numbers are `POSITION_TOLERANCE`, `HEADING_TOLERANCE` and `HOLD`.
     """
     time = np.asarray(time, dtype=float)
     k = _first_hold(time, _good(truth, estimate), 0)
     return None if k is None else float(time[k] - time[0])
 
 
+@metric(
+    "localization/recovery_time",
+    unit="s",
+    tolerance=Tolerance("lower", absolute=0.5, relative=0.10),
+    needs=("time", "truth_poses", "estimate_poses", "carried"),
+    where="localized",
+)
 def recovery_time(time: ArrayLike, truth: ArrayLike, estimate: ArrayLike, carried: ArrayLike | None) -> float | None:
     """The longest that the estimate took to converge again after the robot was carried away [s].
 
@@ -82,6 +70,49 @@ def after_convergence(
         if k is not None:
             result[k:end] = True
     return result
+
+
+_NEEDS = ("time", "truth_poses", "estimate_poses", "carried")
+
+
+@metric(
+    "localization/position_rmse",
+    unit="m",
+    tolerance=Tolerance("lower", absolute=0.005, relative=0.10),
+    needs=_NEEDS,
+    where="localized",
+)
+def converged_position_rmse(
+    time: ArrayLike, truth: ArrayLike, estimate: ArrayLike, carried: ArrayLike | None = None
+) -> float | None:
+    """Root mean square of the position errors [m], over the ticks `after_convergence`."""
+    known = after_convergence(time, truth, estimate, carried)
+    return position_rmse(np.asarray(truth)[known], np.asarray(estimate)[known])
+
+
+@metric(
+    "localization/heading_rmse",
+    unit="rad",
+    tolerance=Tolerance("lower", absolute=0.01, relative=0.10),
+    needs=_NEEDS,
+    where="localized",
+)
+def converged_heading_rmse(
+    time: ArrayLike, truth: ArrayLike, estimate: ArrayLike, carried: ArrayLike | None = None
+) -> float | None:
+    """Root mean square of the heading errors [rad], over the ticks `after_convergence`."""
+    known = after_convergence(time, truth, estimate, carried)
+    return heading_rmse(np.asarray(truth)[known], np.asarray(estimate)[known])
+
+
+# Too large and too small are both bad: not judged.
+@metric("localization/nees", unit="1", needs=(*_NEEDS, "covariances"), where="localized")
+def converged_nees(
+    time: ArrayLike, truth: ArrayLike, estimate: ArrayLike, carried: ArrayLike | None, covariances: ArrayLike
+) -> float | None:
+    """Normalized estimation error squared, over the ticks `after_convergence`: 3 for a consistent filter. See `nees`."""
+    known = after_convergence(time, truth, estimate, carried)
+    return nees(np.asarray(truth)[known], np.asarray(estimate)[known], np.asarray(covariances)[known])
 
 
 def nees(truth: ArrayLike, estimate: ArrayLike, covariances: ArrayLike) -> float | None:

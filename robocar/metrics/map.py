@@ -13,31 +13,16 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from robocar.core import OCCUPIED, SE2, UNKNOWN, Array, OccupancyGrid, Robot
+from robocar.core import SE2, UNKNOWN, Array, Footprint, OccupancyGrid
 from robocar.core.distance import obstacle_distance
+from robocar.metrics.declaration import Declaration, Tolerance, metrics
+from robocar.metrics.run_log import DrawnMap
 
 Cells = NDArray[np.bool_]
 MAX_CELLS = 1 << 25
 """Larger maps are not judged: 290 m x 290 m at 5 cm."""
 
 _RAY_SPACING = 0.6  # [cells] between neighbouring rays where they end
-
-
-@dataclass(frozen=True, slots=True)
-class Eye:
-    """What came into view of the robot: how far it sees [m], and its field of view around its x axis [rad]."""
-
-    reach: float
-    opening: float = math.tau
-
-    @classmethod
-    def of(cls, robot: Robot) -> Eye:
-        """Its laser's, or, without one, all around up to the farthest sonar's range: cones are what is to be judged."""
-        if robot.lidar is not None:
-            bearings = robot.lidar.bearings
-            full = len(bearings) > 1 and np.ptp(bearings) * len(bearings) / (len(bearings) - 1) >= math.tau - 1e-6
-            return cls(robot.lidar.max_range, math.tau if full else float(np.ptp(bearings)))
-        return cls(max((sonar.max_range for sonar in robot.sonars), default=0.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -234,47 +219,78 @@ def _fill(free: Cells, filled: Cells, row: int, col: int) -> None:
                 stack.append((i, j))
 
 
-def summarize_map(
-    drawn: OccupancyGrid, truth: OccupancyGrid, poses: ArrayLike, radius: float, eye: Eye, explored: bool
-) -> dict[str, tuple[float | int | None, str]]:
-    """The metrics `map/*` of a run: values and units by name.
+_SHARE, _UNKNOWN = Tolerance("higher", absolute=0.02), Tolerance("lower", absolute=0.02)
+_SCORES = {
+    "accuracy": (_SHARE, "Share of the known cells that are right"),
+    "precision": (_SHARE, "Share of the cells drawn occupied that truly are"),
+    "recall": (_SHARE, "Share of the truly occupied cells that are drawn so"),
+    "f1": (_SHARE, "Harmonic mean of precision and recall"),
+    "iou": (_SHARE, "Occupied in both maps over occupied in either, without tolerance"),
+    "unknown": (_UNKNOWN, "Share of the cells that the map does not know"),
+}
+_SCOPES = {
+    "": "over the cells that came into the robot's view",
+    "around_": "over all cells in sight of the driven path, whichever way the robot looked",
+    "reachable_": "over all that is in sight of where the robot can come to; explorations only",
+}
 
-    `map/accuracy`, `precision`, `recall`, `f1`, `iou`, `unknown`: `score` over the cells that came into the robot's view;
-    `map/around_*`: the same over all cells in sight of the driven path, whichever way the robot looked;
-    `map/path_blocked`: cells that the car has driven over, and the map calls occupied;
-    `map/explored`: share of the area that the disc of the car's inscribed radius can cover from its start that the map knows;
-    `map/known_area`: of all known cells [m^2];
-    for explorations also `map/reachable_*`: `score` over all that is in sight of where that disc can come to.
+
+def _scores_of(scope: str) -> list[Declaration]:
+    return [
+        Declaration(f"map/{scope}{name}", "1", tolerance, f"{text}, {_SCOPES[scope]}.")
+        for name, (tolerance, text) in _SCORES.items()
+    ]
+
+
+@metrics(
+    [
+        *_scores_of(""),
+        *_scores_of("around_"),
+        Declaration("map/path_blocked", "1", Tolerance("lower"), "Cells that the robot drove over and the map calls occupied."),
+        Declaration(
+            "map/explored",
+            "1",
+            Tolerance("higher", absolute=0.01),
+            "Share that the map knows of the area that the disc of the robot's inscribed radius can cover from its start.",
+        ),
+        Declaration("map/known_area", "m^2", summary="Area of all known cells."),
+        *_scores_of("reachable_"),
+    ],
+    needs=("drawn", "truth_poses", "footprint"),
+    where="drawn",
+)
+def map_scores(drawn: DrawnMap, poses: ArrayLike, footprint: Footprint) -> dict[str, float | int | None]:
+    """The metrics `map/*` of a run by name; see `score`.
 
     Args:
         poses: true ones, (n, 3) x, y [m], theta [rad].
-        radius: inscribed in the footprint [m].
-        explored: whether the task was to draw the whole map.
 
     Returns:
-        Nothing where the maps are too large (`on_common_cells`).
+        Without `map/reachable_*` where the task was another than to draw the whole map; nothing where the maps are too large
+        (`on_common_cells`).
     """
-    common = on_common_cells(drawn, truth)
+    common = on_common_cells(drawn.grid, drawn.truth)
     if common is None:
         return {}
-    drawn, truth = common
+    grid, truth = common
+    radius = footprint.inscribed_radius
     path = np.asarray(poses, dtype=float).reshape(-1, 3)
     path = path[np.isfinite(path).all(axis=1)]
-    values: dict[str, tuple[float | int | None, str]] = {}
+    values: dict[str, float | int | None] = {}
 
-    def add(prefix: str, places: ArrayLike, opening: float) -> None:
-        found = score(drawn, truth, visible_cells(truth, places, eye.reach, opening))
-        values.update({f"map/{prefix}{name}": (getattr(found, name), "1") for name in MapScore.__dataclass_fields__})
+    def add(scope: str, places: ArrayLike, opening: float) -> None:
+        found = score(grid, truth, visible_cells(truth, places, drawn.eye.reach, opening))
+        values.update({f"map/{scope}{name}": getattr(found, name) for name in _SCORES})
 
-    add("", path, eye.opening)
+    add("", path, drawn.eye.opening)
     add("around_", path, math.tau)
-    driven = np.zeros(drawn.shape, dtype=bool)
-    _cover(driven, np.array(drawn.grid_from_world(path[:, :2]), order="C"), radius / drawn.resolution)
-    values["map/path_blocked"] = (int(np.count_nonzero(driven & drawn.occupied)), "1")
+    driven = np.zeros(grid.shape, dtype=bool)
+    _cover(driven, np.array(grid.grid_from_world(path[:, :2]), order="C"), radius / grid.resolution)
+    values["map/path_blocked"] = int(np.count_nonzero(driven & grid.occupied))
     centres, area = reachable_cells(truth, path[0, :2], radius) if len(path) else (np.zeros(truth.shape, dtype=bool),) * 2
-    values["map/explored"] = (_share(~drawn.unknown, area), "1")
-    values["map/known_area"] = (int(np.count_nonzero(~drawn.unknown)) * drawn.resolution**2, "m^2")
-    if explored:
+    values["map/explored"] = _share(~grid.unknown, area)
+    values["map/known_area"] = int(np.count_nonzero(~grid.unknown)) * grid.resolution**2
+    if drawn.explored:
         places = truth.world_from_cell(_thinned(centres))
         add("reachable_", np.column_stack([places, np.zeros(len(places))]), math.tau)
     return values
@@ -284,12 +300,3 @@ def _thinned(cells: Cells, every: int = 4) -> NDArray[np.intp]:
     """One of these cells per square of `every` x `every`, (n, 2) as (row, col)."""
     at = np.argwhere(cells)
     return at[np.unique(at // every, axis=0, return_index=True)[1]] if len(at) else at
-
-
-def enclosed(truth: OccupancyGrid, walled: bool) -> OccupancyGrid:
-    """The map with a ring of occupied cells around it, where the world has one."""
-    if not walled:
-        return truth
-    edge = -truth.resolution
-    data = np.pad(truth.data, 1, constant_values=OCCUPIED)
-    return OccupancyGrid(data, truth.resolution, truth.origin @ SE2(edge, edge))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -12,41 +11,25 @@ from numpy.typing import ArrayLike
 
 from robocar.core import Array, Footprint
 from robocar.core.distance import convex_distance
-from robocar.metrics.run import Metric
+from robocar.metrics.declaration import metric
+from robocar.metrics.run_log import Track
 
 HORIZON = 10.0  # [s] collisions farther ahead are no matter: nobody keeps the present speed for so long
 TOUCH = 1e-5  # [m] two outlines this near touch
 
 
-class Shape(NamedTuple):
-    """A mover's shadow on the floor, in its own frame: a convex polygon (k, 2) [m], counter-clockwise, grown by `radius` [m]."""
-
-    outline: Array
-    radius: float = 0.0
-
-
-class Track(NamedTuple):
-    """Where a mover was: x, y [m] and theta [rad], (n, 3), and its velocity in the world, [m/s] and [rad/s], (n, 3)."""
-
-    shape: Shape
-    poses: ArrayLike
-    velocities: ArrayLike
+@metric(
+    "movers/min_time_to_collision", unit="s", needs=("footprint", "truth_poses", "truth_twists", "movers"), where="movers"
+)  # a faster way may pass nearer: not judged
+def min_time_to_collision(footprint: Footprint, poses: ArrayLike, twists: ArrayLike, movers: Mapping[str, Track]) -> float | None:
+    """Smallest `time_to_collision` of all movers and ticks [s]; None where no collision was ahead."""
+    return _smallest([time_to_collision(footprint, poses, twists, track) for track in movers.values()])
 
 
-def summarize_movers(footprint: Footprint, poses: ArrayLike, twists: ArrayLike, movers: Mapping[str, Track]) -> dict[str, Metric]:
-    """All of them, over the ticks of a run with moving obstacles.
-
-    Args:
-        footprint: the car's.
-        poses, twists: true ones of the car, (n, 3) x, y [m], theta [rad] and (n, 2) v [m/s], omega [rad/s].
-        movers: by name, at the same ticks.
-    """
-    times = [time_to_collision(footprint, poses, twists, track) for track in movers.values()]
-    ways = [distance(footprint, poses, track) for track in movers.values()]
-    return {
-        "movers/min_time_to_collision": Metric(value=_smallest(times), unit="s"),
-        "movers/closest_approach": Metric(value=_smallest(ways), unit="m"),
-    }
+@metric("movers/closest_approach", unit="m", needs=("footprint", "truth_poses", "movers"), where="movers")
+def closest_approach(footprint: Footprint, poses: ArrayLike, movers: Mapping[str, Track]) -> float | None:
+    """Smallest distance from the footprint to a mover, of all movers and ticks [m]."""
+    return _smallest([distance(footprint, poses, track) for track in movers.values()])
 
 
 def time_to_collision(footprint: Footprint, poses: ArrayLike, twists: ArrayLike, mover: Track, horizon: float = HORIZON) -> Array:

@@ -7,119 +7,25 @@ do not count.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TypedDict
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from robocar.core import SE2, Array, Footprint, Goal, OccupancyGrid, frozen_array, wrap_angles
+from robocar.core import SE2, Array, Footprint, Goal, OccupancyGrid, wrap_angles
 from robocar.core.discs import disc_geodesic
 from robocar.core.geodesic import geodesic_distance
+from robocar.metrics.declaration import Tolerance, metric
 
 
-class Metric(TypedDict):
-    """A value, None where the run has none, and its unit ("1" for ratios and counts)."""
-
-    value: float | int | None
-    unit: str
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RunLog:
-    """What the loop collects, one row per control tick.
-
-    Args:
-        time: simulated, strictly ascending, (n,) [s].
-        truth_poses: (n, 3) x, y [m], theta [rad] in the map frame; estimate_poses, odometry_poses alike, nan where there is none.
-        truth_twists: (n, 2) v [m/s], omega [rad/s].
-        clearance: footprint to the nearest wall or mover, (n,) [m]; 0 in contact, inf where there is nothing.
-        contact: whether the car touches a wall or a mover, (n,) bool.
-        standing: whether the car stands still, (n,) bool.
-        plan_time: wall time of the navigator, (n,) [s]; nan where it was not asked.
-        replans: how often the global plan was made anew.
-        status: how the run ended, `success` where the goal was reached.
-        grid: the true map.
-        footprint: the car's.
-        start: the true pose before the first tick.
-        goal: or None, for tasks without one.
-        wall_time: of the loop, without building the world [s], or None.
-        carried: whether an event moved the car since the tick before (`kidnap`), (n,) bool, or None where there is none.
-        discs: x, y and radius of all obstacles, (k, 3) [m], where they are round and stand on an open plane; else None.
-    """
-
-    time: Array
-    truth_poses: Array
-    truth_twists: Array
-    estimate_poses: Array
-    odometry_poses: Array
-    clearance: Array
-    contact: NDArray[np.bool_]
-    standing: NDArray[np.bool_]
-    plan_time: Array
-    replans: int
-    status: str
-    grid: OccupancyGrid
-    footprint: Footprint
-    start: SE2
-    goal: Goal | None = None
-    wall_time: float | None = None
-    carried: NDArray[np.bool_] | None = None
-    discs: Array | None = None
-
-    def __post_init__(self) -> None:
-        n = np.size(self.time)
-        object.__setattr__(self, "carried", np.zeros(n, dtype=bool) if self.carried is None else self.carried)
-        shapes = {"time": (n,), "truth_poses": (n, 3), "truth_twists": (n, 2), "estimate_poses": (n, 3)}
-        shapes |= {"odometry_poses": (n, 3), "clearance": (n,), "contact": (n,), "standing": (n,), "plan_time": (n,)}
-        shapes |= {"carried": (n,)}
-        for name, shape in shapes.items():
-            array = frozen_array(getattr(self, name), bool if name in ("contact", "standing", "carried") else float)
-            if n == 0 and array.size == 0:
-                array = frozen_array(array.reshape(shape), array.dtype)
-            if array.shape != shape:
-                raise ValueError(f"{name} of shape {array.shape} where {n} ticks need {shape}")
-            object.__setattr__(self, name, array)
-        if not np.all(np.diff(self.time) > 0):
-            raise ValueError("the times of a run must ascend strictly")
-
-
-def summarize(log: RunLog) -> dict[str, Metric]:
-    """All metrics that every run has, in the order of `metrics.json`."""
-    truth, twists = log.truth_poses, log.truth_twists
-    seconds, length = duration(log.time), path_length(truth, log.carried)
-    shortest = shortest_path_length(log.grid, log.footprint, log.start, log.goal, log.discs)
-    moving, standing = contacts(log.contact, log.standing)
-    values: dict[str, tuple[float | int | None, str]] = {
-        "duration": (seconds, "s"),
-        "path_length": (length, "m"),
-        "shortest_path_length": (shortest, "m"),
-        "spl": (spl(log.status == "success", shortest, length), "1"),
-        "min_clearance": (min_clearance(log.clearance), "m"),
-        "mean_clearance": (mean_clearance(log.clearance), "m"),
-        "contacts": (moving, "1"),
-        "contacts_standing": (standing, "1"),
-        "replans": (log.replans, "1"),
-        "plan_time_mean": (plan_time_mean(log.plan_time), "s"),
-        "plan_time_max": (plan_time_max(log.plan_time), "s"),
-        "position_rmse": (position_rmse(truth, log.estimate_poses), "m"),
-        "heading_rmse": (heading_rmse(truth, log.estimate_poses), "rad"),
-        "final_position_error": (final_position_error(truth, log.estimate_poses), "m"),
-        "odometry_position_rmse": (odometry_position_rmse(truth, log.odometry_poses), "m"),
-        "angle_over_length": (angle_over_length(truth, log.carried), "rad/m"),
-        "jerk_rms": (jerk_rms(log.time, twists[:, 0]), "m/s^3"),
-        "wall_time": (log.wall_time, "s"),
-        "real_time_factor": (real_time_factor(seconds, log.wall_time), "1"),
-    }
-    return {name: Metric(value=_finite(value), unit=unit) for name, (value, unit) in values.items()}
-
-
+@metric("duration", unit="s", tolerance=Tolerance("lower", absolute=0.5, relative=0.05), needs=("time",))
 def duration(time: ArrayLike) -> float | None:
     """Simulated time from the first to the last tick: t_n - t_1 [s]; 0 for a single tick, None for none."""
     time = np.asarray(time, dtype=float)
     return float(time[-1] - time[0]) if time.size else None
 
 
+@metric("path_length", unit="m", tolerance=Tolerance("lower", absolute=0.02, relative=0.03), needs=("truth_poses", "carried"))
 def path_length(poses: ArrayLike, carried: ArrayLike | None = None) -> float | None:
     """Way that the car's origin really went: sum of |p_k - p_(k-1)| over the true positions [m]; None without a tick.
 
@@ -131,6 +37,9 @@ def path_length(poses: ArrayLike, carried: ArrayLike | None = None) -> float | N
     return float(np.linalg.norm(_steps(poses, carried)[:, :2], axis=1).sum())
 
 
+@metric(
+    "shortest_path_length", unit="m", needs=("grid", "footprint", "start", "goal"), optional=("discs",)
+)  # of the world, not of the robot: not judged
 def shortest_path_length(
     grid: OccupancyGrid, footprint: Footprint, start: SE2, goal: Goal | None, discs: Array | None = None
 ) -> float | None:
@@ -143,11 +52,13 @@ def shortest_path_length(
     if goal is None:
         return None
     if discs is not None:
-        return _finite(disc_geodesic(discs, start.position, goal.position, footprint.inscribed_radius))
-    length = geodesic_distance(grid, grid.occupied, start.position, goal.position, footprint.inscribed_radius)
-    return _finite(length)
+        length = disc_geodesic(discs, start.position, goal.position, footprint.inscribed_radius)
+    else:
+        length = geodesic_distance(grid, grid.occupied, start.position, goal.position, footprint.inscribed_radius)
+    return length if np.isfinite(length) else None
 
 
+@metric("spl", unit="1", tolerance=Tolerance("higher", absolute=0.02), needs=("success", "shortest_path_length", "path_length"))
 def spl(success: bool, shortest: float | None, length: float | None) -> float | None:
     """Success weighted by path length of one run: S l / max(p, l), in [0, 1]; a suite averages it over its runs.
 
@@ -162,11 +73,13 @@ def spl(success: bool, shortest: float | None, length: float | None) -> float | 
     return shortest / longest if longest > 0 else 1.0
 
 
+@metric("min_clearance", unit="m", tolerance=Tolerance("higher", absolute=0.01), needs=("clearance",))
 def min_clearance(clearance: ArrayLike) -> float | None:
     """Smallest distance of the footprint to an obstacle, walls and movers: min_k d_k [m]; None where there never was one."""
     return _reduce(clearance, np.min)
 
 
+@metric("mean_clearance", unit="m", tolerance=Tolerance("higher", absolute=0.02, relative=0.10), needs=("clearance",))
 def mean_clearance(clearance: ArrayLike) -> float | None:
     """Mean over the ticks of the distance of the footprint to the nearest obstacle: (1/n) sum d_k [m].
 
@@ -175,30 +88,48 @@ def mean_clearance(clearance: ArrayLike) -> float | None:
     return _reduce(clearance, np.mean)
 
 
-def contacts(contact: ArrayLike, standing: ArrayLike) -> tuple[int, int] | tuple[None, None]:
-    """Numbers of contact episodes: begun while the car moved, and begun while it stood still (a mover ran into it).
+@metric("contacts", unit="1", tolerance=Tolerance("lower"), needs=("contact", "standing"))
+def contacts(contact: ArrayLike, standing: ArrayLike) -> int | None:
+    """Number of contact episodes that began while the robot moved; None without a tick.
 
-    An episode is a longest sequence of ticks with contact. It began standing if the car stood still at its first tick and at the
-    tick before: a car that a wall has just stopped did not stand. None without a tick.
+    An episode is a longest sequence of ticks with contact. It began standing if the robot stood still at its first tick and at
+    the tick before: a robot that a wall has just stopped did not stand.
     """
-    contact, standing = np.asarray(contact, dtype=bool), np.asarray(standing, dtype=bool)
-    if contact.size == 0:
-        return None, None
-    began = contact & ~np.concatenate([[False], contact[:-1]])
-    stood = standing & np.concatenate([[True], standing[:-1]])
-    return int(np.count_nonzero(began & ~stood)), int(np.count_nonzero(began & stood))
+    began, stood = _contact_episodes(contact, standing)
+    return int(np.count_nonzero(began & ~stood)) if began.size else None
 
 
+@metric("contacts_standing", unit="1", needs=("contact", "standing"))  # something ran into the robot: not judged
+def contacts_standing(contact: ArrayLike, standing: ArrayLike) -> int | None:
+    """Number of contact episodes that began while the robot stood still, as when a mover runs into it; see `contacts`."""
+    began, stood = _contact_episodes(contact, standing)
+    return int(np.count_nonzero(began & stood)) if began.size else None
+
+
+@metric("replans", unit="1", needs=("work",))  # more of them may be caution or confusion: not judged
+def replans(work: Mapping[str, int]) -> int:
+    """How often the global plan was made again: the unit `replans` of the commands' work."""
+    return work.get("replans", 0)
+
+
+@metric("plan_time_mean", unit="s", needs=("plan_time",), wall_clock=True)  # a busy machine is no regression: not judged
 def plan_time_mean(plan_time: ArrayLike) -> float | None:
     """Mean wall time of the navigator over the ticks at which it was asked [s]; nan marks the others."""
     return _reduce(plan_time, np.mean)
 
 
+@metric("plan_time_max", unit="s", needs=("plan_time",), wall_clock=True)
 def plan_time_max(plan_time: ArrayLike) -> float | None:
     """Longest wall time of the navigator in one tick [s]; nan marks the ticks at which it was not asked."""
     return _reduce(plan_time, np.max)
 
 
+@metric(
+    "position_rmse",
+    unit="m",
+    tolerance=Tolerance("lower", absolute=0.005, relative=0.10),
+    needs=("truth_poses", "estimate_poses"),
+)
 def position_rmse(truth: ArrayLike, estimate: ArrayLike) -> float | None:
     """Root mean square of |p_k - q_k| over the ticks with an estimate [m].
 
@@ -209,6 +140,12 @@ def position_rmse(truth: ArrayLike, estimate: ArrayLike) -> float | None:
     return _rms(np.linalg.norm(truth[:, :2] - estimate[:, :2], axis=1))
 
 
+@metric(
+    "heading_rmse",
+    unit="rad",
+    tolerance=Tolerance("lower", absolute=0.01, relative=0.10),
+    needs=("truth_poses", "estimate_poses"),
+)
 def heading_rmse(truth: ArrayLike, estimate: ArrayLike) -> float | None:
     """Root mean square of the heading errors, each taken the short way round the circle, over the ticks with an estimate [rad].
 
@@ -218,17 +155,32 @@ def heading_rmse(truth: ArrayLike, estimate: ArrayLike) -> float | None:
     return _rms(wrap_angles(truth[:, 2] - estimate[:, 2]))
 
 
+@metric(
+    "final_position_error",
+    unit="m",
+    tolerance=Tolerance("lower", absolute=0.02, relative=0.10),
+    needs=("truth_poses", "estimate_poses"),
+)
 def final_position_error(truth: ArrayLike, estimate: ArrayLike) -> float | None:
     """Distance |p_n - q_n| of the true and the estimated position at the last tick [m]; None where either is missing."""
     truth, estimate = _finite_pairs(np.atleast_2d(truth)[-1:], np.atleast_2d(estimate)[-1:])
     return float(np.linalg.norm(truth[0, :2] - estimate[0, :2])) if len(truth) else None
 
 
+@metric(
+    "odometry_position_rmse", unit="m", needs=("truth_poses", "odometry_poses")
+)  # of the robot and its way, not of the estimator: not judged
 def odometry_position_rmse(truth: ArrayLike, odometry: ArrayLike) -> float | None:
     """`position_rmse` of dead reckoning alone, from the pose the robot was told [m]: what the estimator has to beat."""
     return position_rmse(truth, odometry)
 
 
+@metric(
+    "angle_over_length",
+    unit="rad/m",
+    tolerance=Tolerance("lower", absolute=0.05, relative=0.10),
+    needs=("truth_poses", "carried"),
+)
 def angle_over_length(poses: ArrayLike, carried: ArrayLike | None = None) -> float | None:
     """Turning per way: sum of |wrap(theta_k - theta_(k-1))| over `path_length` [rad/m]; None where the car did not move.
 
@@ -240,13 +192,15 @@ def angle_over_length(poses: ArrayLike, carried: ArrayLike | None = None) -> flo
     return float(np.abs(wrap_angles(_steps(poses, carried)[:, 2])).sum()) / length
 
 
-def jerk_rms(time: ArrayLike, speed: ArrayLike) -> float | None:
+@metric("jerk_rms", unit="m/s^3", tolerance=Tolerance("lower", relative=0.10), needs=("time", "truth_twists"))
+def jerk_rms(time: ArrayLike, twists: ArrayLike) -> float | None:
     """Root mean square of the second time derivative of the forward speed [m/s^3]; None for fewer than three ticks.
 
     Hogan and Sternad, Sensitivity of Smoothness Measures to Movement Duration, Amplitude, and Arrests (2009): the root mean
     squared jerk, here by second divided differences, which are exact for quadratic speeds at any ticks.
     """
-    rows = _finite_rows(np.stack([np.asarray(time, dtype=float), np.asarray(speed, dtype=float)], axis=1))
+    speed = np.asarray(twists, dtype=float).reshape(-1, 2)[:, 0]
+    rows = _finite_rows(np.stack([np.asarray(time, dtype=float), speed], axis=1))
     t, v = rows[:, 0], rows[:, 1]
     if len(t) < 3:
         return None
@@ -254,13 +208,23 @@ def jerk_rms(time: ArrayLike, speed: ArrayLike) -> float | None:
     return _rms(2.0 * np.diff(slopes) / (t[2:] - t[:-2]))
 
 
+@metric("wall_time", unit="s", needs=("wall_time",), wall_clock=True)
+def wall_time(seconds: float) -> float:
+    """Wall time of the loop, without building the world [s]."""
+    return seconds
+
+
+@metric("real_time_factor", unit="1", needs=("duration", "wall_time"), wall_clock=True)
 def real_time_factor(simulated: float | None, wall: float | None) -> float | None:
     """Simulated over wall time [1]: above 1 is faster than reality; None where either is missing or no wall time passed."""
     return simulated / wall if simulated is not None and wall else None
 
 
-def _finite(value: float | int | None) -> float | int | None:
-    return value if value is not None and np.isfinite(value) else None
+def _contact_episodes(contact: ArrayLike, standing: ArrayLike) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Whether an episode of contact began at each tick, and whether the robot stood then, (n,) each; see `contacts`."""
+    contact, standing = np.asarray(contact, dtype=bool), np.asarray(standing, dtype=bool)
+    began = contact & ~np.concatenate([[False], contact])[: contact.size]
+    return began, standing & np.concatenate([[True], standing])[: standing.size]
 
 
 def _finite_rows(rows: ArrayLike) -> Array:

@@ -1,28 +1,33 @@
 """Observations and commands as columns of numbers and back, without losing a bit.
 
-Entity `observation` has one row per tick. A column that has nothing new at a tick is empty there; a column that is empty in a
-whole batch is left out. Numbers are float64, an absent value is an empty list:
+Entity `observation` has one row per tick. Column `time` is the tick's [s]. Every sensor has a column of its own, called after the
+sensor and the kind of its readings, so that a sensor that this file has never heard of is kept and read back like any other:
 
-* `time`                                                   [s]
-* `wheel_angles`      time, left, right
-* `twist`             time, v, omega
-* `odom_pose`         time, x, y, theta
-* `psd`, `compass`, `bumper`                               time, value
-* `acceleration`      time, x, y
-* `lidar`, `sonars`   for each scan: n, time, max_range, beam_width, x, y, theta of the sensor, n ranges, n bearings
-* `lidar_name`, `sonar_names`                              text
-* `landmarks`         for each: time, bearing, range, the four numbers of the covariance by rows
-* `landmark_names`    text
-* `serial`            text
-* `image`, `top_image`                                     time, nine of the intrinsics, sixteen of robot_from_camera
+* `<sensor>:float`, `:int`, `:bool`, `:vector`  time, value or values
+* `<sensor>:wheel_angles`                       time, left, right
+* `<sensor>:twist`                              time, v, omega
+* `<sensor>:pose`                               time, x, y, theta
+* `<sensor>:scan`                               n, time, max_range, beam_width, x, y, theta of the sensor, n ranges, n bearings
+* `<sensor>:detections`                         for each: time, bearing, range, the four numbers of the covariance by rows
+* `<sensor>:image`                              time, nine of the intrinsics, sixteen of robot_from_camera
+* `<sensor>:lines`                              text
 
-The pixels of images are PNG, at the entities that the viewer shows them at. Entity `command`: `kind`, `values` (v, omega of a
-Drive), `pan`, `text` (line of a Serial, reason of Done and GiveUp), `status` (of GiveUp).
+Where the scans of a tick are not in the order of their sensors' names, `scans` holds these in the right order.
+Texts that belong to numbers stand beside them: `<sensor>:scan.text` is the scan's name where it is not the last part of the
+sensor's, `<sensor>:detections.text` the names of the landmarks. A column that has nothing new at a tick is empty there; a
+column that is empty in a whole batch is left out. Numbers are float64, an absent value is an empty list. The pixels of images are
+PNG, at the entities that the viewer shows them at.
+
+Entity `command`: `kind`, `values` (v, omega of a Drive), `pan`, `text` (line of a Serial, reason of Done and GiveUp), `status`
+(of GiveUp), `work` and its `units`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -45,110 +50,193 @@ from robocar.core import (
     WheelAngles,
 )
 
-NUMBERS = (
-    *("time", "wheel_angles", "twist", "odom_pose", "psd", "compass", "bumper", "acceleration"),
-    *("lidar", "sonars", "landmarks", "image", "top_image"),
-)
-TEXTS = ("lidar_name", "sonar_names", "landmark_names", "serial")
-COMMAND_NUMBERS = ("values", "pan")
-COMMAND_TEXTS = ("kind", "text", "status")
-
-IMAGE_ENTITIES = {"image": "world/robot/camera", "top_image": "world/top_camera"}
-"""Where the cameras are; the pixels are at `/image` below."""
+_TEXT = ".text"
 
 Row = dict[str, Any]
 """Values by column; what is missing is empty."""
 
 
-def encode_observation(observation: Observation) -> Row:
-    """The row of `observation`, without pixels."""
-    row: Row = {"time": (observation.time,)}
-    if (wheels := observation.wheel_angles) is not None:
-        row["wheel_angles"] = (wheels.time, wheels.value.left, wheels.value.right)
-    if (twist := observation.twist) is not None:
-        row["twist"] = (twist.time, twist.value.v, twist.value.omega)
-    if (odom := observation.odom_pose) is not None:
-        row["odom_pose"] = (odom.time, odom.value.x, odom.value.y, odom.value.theta)
-    for name in ("psd", "compass", "bumper"):
-        reading = getattr(observation, name)
-        if reading is not None:
-            row[name] = (reading.time, reading.value)
-    if (acceleration := observation.acceleration) is not None:
-        row["acceleration"] = (acceleration.time, *acceleration.value)
-    if observation.lidar is not None:
-        scan = observation.lidar
-        row["lidar"] = np.concatenate([_scan_head(scan), scan.ranges, scan.bearings])
-        row["lidar_name"] = (observation.lidar.name,)
-    if observation.sonars:
-        # Single beams: plain lists are several times faster than arrays.
-        row["sonars"] = numbers = []
-        for scan in observation.sonars:
-            numbers += (*_scan_head(scan), *scan.ranges.tolist(), *scan.bearings.tolist())
-        row["sonar_names"] = [scan.name for scan in observation.sonars]
-    if observation.landmarks:
-        row["landmarks"] = np.concatenate([(d.time, d.bearing, d.range, *d.covariance.ravel()) for d in observation.landmarks])
-        row["landmark_names"] = [d.landmark for d in observation.landmarks]
-    for name in ("image", "top_image"):
-        image = getattr(observation, name)
-        if image is not None:
-            row[name] = np.concatenate([(image.time,), image.intrinsics.ravel(), image.robot_from_camera.ravel()])
-    if observation.serial:
-        row["serial"] = observation.serial
-    return row
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    """One type of readings.
+
+    Args:
+        name: as in the column's name.
+        numbers: of a reading, (n,); of lines, the lines.
+        decode: the reading from its numbers, its texts and the sensor's name.
+        texts: of a reading.
+    """
+
+    name: str
+    numbers: Callable[[Any], Any]
+    decode: Callable[[Any, Sequence[str], str], Any]
+    texts: Callable[[Any, str], Sequence[str]] = lambda reading, sensor: ()
 
 
-def _scan_head(scan: Scan) -> tuple[float, ...]:
-    mount = scan.robot_from_sensor
-    return (len(scan.ranges), scan.time, scan.max_range, scan.beam_width, mount.x, mount.y, mount.theta)
-
-
-def decode_observation(row: Row, pixels: Mapping[str, NDArray[np.uint8]]) -> Observation:
-    """The observation of a row; `pixels` holds the pictures `image` and `top_image` where the row has them."""
-
-    def reading(name: str, value: Callable[..., Any]) -> Any:
-        numbers = row.get(name)
-        return None if numbers is None or len(numbers) == 0 else Reading(float(numbers[0]), value(*map(float, numbers[1:])))
-
-    lidar = list(_decode_scans(row.get("lidar", ()), row.get("lidar_name", ())))
-    return Observation(
-        time=float(row["time"][0]),
-        wheel_angles=reading("wheel_angles", WheelAngles),
-        twist=reading("twist", Twist),
-        odom_pose=reading("odom_pose", SE2),
-        sonars=tuple(_decode_scans(row.get("sonars", ()), row.get("sonar_names", ()))),
-        lidar=lidar[0] if lidar else None,
-        psd=reading("psd", float),
-        compass=reading("compass", float),
-        acceleration=reading("acceleration", lambda *xy: np.array(xy)),
-        bumper=reading("bumper", bool),
-        image=_decode_image(row.get("image", ()), pixels.get("image")),
-        top_image=_decode_image(row.get("top_image", ()), pixels.get("top_image")),
-        landmarks=tuple(_decode_landmarks(row.get("landmarks", ()), row.get("landmark_names", ()))),
-        serial=tuple(row.get("serial", ())),
+def _value(name: str, numbers: Callable[[Any], Sequence[float]], value: Callable[..., Any]) -> _Kind:
+    """The kind of a `Reading` whose value is so many numbers."""
+    return _Kind(
+        name,
+        lambda reading: (reading.time, *numbers(reading.value)),
+        lambda n, _, __: Reading(float(n[0]), value(*map(float, n[1:]))),
     )
 
 
-def _decode_scans(numbers: Any, names: Any) -> Iterator[Scan]:
-    start = 0
-    for name in names:
-        count = int(numbers[start])
-        time, max_range, beam_width, x, y, theta = map(float, numbers[start + 1 : start + 7])
-        ranges = numbers[start + 7 : start + 7 + count]
-        bearings = numbers[start + 7 + count : start + 7 + 2 * count]
-        yield Scan(time, ranges, bearings, max_range, beam_width, SE2(x, y, theta), name)
-        start += 7 + 2 * count
+def _scan_numbers(scan: Scan) -> Sequence[float] | NDArray[np.float64]:
+    mount = scan.robot_from_sensor
+    head = (len(scan.ranges), scan.time, scan.max_range, scan.beam_width, mount.x, mount.y, mount.theta)
+    if len(scan.ranges) == 1:  # a sonar: plain tuples are several times faster than arrays
+        return (*head, float(scan.ranges[0]), float(scan.bearings[0]))
+    return np.concatenate([head, scan.ranges, scan.bearings])
 
 
-def _decode_landmarks(numbers: Any, names: Any) -> Iterator[Detection]:
-    for k, name in enumerate(names):
-        time, bearing, distance, *covariance = map(float, numbers[7 * k : 7 * k + 7])
-        yield Detection(time, name, bearing, distance, np.array(covariance).reshape(2, 2))
+def _scan(numbers: NDArray[np.float64], texts: Sequence[str], sensor: str) -> Scan:
+    count = int(numbers[0])
+    time, max_range, beam_width, x, y, theta = map(float, numbers[1:7])
+    name = texts[0] if len(texts) else _last(sensor)
+    return Scan(time, numbers[7 : 7 + count], numbers[7 + count :], max_range, beam_width, SE2(x, y, theta), name)
 
 
-def _decode_image(numbers: Any, pixels: NDArray[np.uint8] | None) -> Image | None:
-    if len(numbers) == 0 or pixels is None:
-        return None
-    return Image(float(numbers[0]), pixels, np.array(numbers[1:10]).reshape(3, 3), np.array(numbers[10:26]).reshape(4, 4))
+def _last(sensor: str) -> str:
+    return sensor.rpartition("/")[2]
+
+
+def _detections(numbers: NDArray[np.float64], names: Sequence[str], _: str) -> tuple[Detection, ...]:
+    rows = np.reshape(numbers, (-1, 7))
+    return tuple(
+        Detection(float(row[0]), name, float(row[1]), float(row[2]), row[3:].reshape(2, 2).copy())
+        for row, name in zip(rows, names, strict=True)
+    )
+
+
+_READINGS: dict[type, _Kind] = {
+    bool: _value("bool", lambda v: (v,), bool),
+    int: _value("int", lambda v: (v,), int),
+    float: _value("float", lambda v: (v,), float),
+    np.ndarray: _value("vector", lambda v: v, lambda *values: np.array(values)),
+    WheelAngles: _value("wheel_angles", lambda v: (v.left, v.right), WheelAngles),
+    Twist: _value("twist", lambda v: (v.v, v.omega), Twist),
+    SE2: _value("pose", lambda v: (v.x, v.y, v.theta), SE2),
+}
+"""By the type of a `Reading`'s value."""
+_IMAGE = _Kind(
+    "image",
+    lambda image: np.concatenate([(image.time,), image.intrinsics.ravel(), image.robot_from_camera.ravel()]),
+    lambda numbers, _, __: (float(numbers[0]), np.array(numbers[1:10]).reshape(3, 3), np.array(numbers[10:26]).reshape(4, 4)),
+)
+_LINES = _Kind("lines", lambda lines: lines, lambda lines, _, __: tuple(lines))
+_DETECTIONS = _Kind(
+    "detections",
+    lambda seen: np.concatenate([(d.time, d.bearing, d.range, *d.covariance.ravel()) for d in seen]),
+    _detections,
+    lambda seen, _: [d.landmark for d in seen],
+)
+_SCAN = _Kind("scan", _scan_numbers, _scan, lambda scan, sensor: () if scan.name == _last(sensor) else (scan.name,))
+_BY_NAME = {kind.name: kind for kind in (*_READINGS.values(), _SCAN, _IMAGE, _LINES, _DETECTIONS)}
+
+
+@cache
+def _kind_of_value(value: type) -> _Kind | None:
+    return next((_READINGS[base] for base in value.__mro__ if base in _READINGS), None)
+
+
+def plain(reading: Any) -> Any:
+    """A reading whose value is a scalar of numpy or an array without axes, as one of Python's own number; others as they are."""
+    if isinstance(reading, Reading) and isinstance(reading.value, np.generic | np.ndarray) and np.ndim(reading.value) == 0:
+        return Reading(reading.time, reading.value.item())
+    return reading
+
+
+def _kind_of(reading: Any, sensor: str) -> _Kind:
+    """How a reading is written.
+
+    Raises:
+        TypeError: it is of a type that no one has said how to write.
+        ValueError: it is a whole number that no float holds.
+    """
+    kind: _Kind | None = None
+    match reading:
+        case Reading(_, np.ndarray() as value) if value.ndim > 1 or value.dtype.kind not in "biuf":
+            pass
+        case Reading(_, int() as value) if not (abs(value) <= sys.float_info.max and int(float(value)) == value):
+            raise ValueError(f"sensor {sensor!r}: {value!r} cannot be recorded: numbers are kept as float64")
+        case Reading(_, value):
+            kind = _kind_of_value(type(value))
+        case Scan():
+            kind = _SCAN
+        case Image():
+            kind = _IMAGE
+        case tuple():
+            kind = _LINES if isinstance(reading[0], str) else _DETECTIONS
+    if kind is None:
+        known = ", ".join(sorted(t.__name__ for t in _READINGS))
+        raise TypeError(
+            f"sensor {sensor!r}: {reading!r} cannot be recorded; give a Scan, an Image, a tuple of Detection or of lines, "
+            f"or a Reading of {known}"
+        )
+    return kind
+
+
+def encode_observation(observation: Observation) -> Row:
+    """The row of `observation`, without pixels.
+
+    Raises:
+        TypeError: a reading is of a type that cannot be written.
+        ValueError: a sensor's name or a number cannot be written.
+    """
+    row: Row = {"time": (observation.time,)}
+    scans = []
+    for sensor, reading in observation.readings.items():
+        if "\0" in sensor:  # Rerun aborts the interpreter
+            raise ValueError(f"a sensor cannot be called {sensor!r}: the name of a column holds no NUL")
+        reading = plain(reading)
+        kind = _kind_of(reading, sensor)
+        column = f"{sensor}:{kind.name}"
+        if kind is _LINES:
+            row[column] = reading
+            continue
+        row[column] = kind.numbers(reading)
+        if texts := kind.texts(reading, sensor):
+            row[column + _TEXT] = texts
+        if kind is _SCAN:
+            scans.append(sensor)
+    if scans != sorted(scans):
+        row["scans"] = scans
+    return row
+
+
+def unknown_columns(row: Row) -> list[str]:
+    """Columns that no observation of this version has; recordings of earlier versions have some."""
+    known = {"time", "scans"}
+    return [name for name in row if name not in known and name.rpartition(":")[2].removesuffix(_TEXT) not in _BY_NAME]
+
+
+def image_entity(sensor: str) -> str:
+    """Where a camera is drawn; its pixels are at `/image` below."""
+    return "world/top_camera" if sensor == "top_camera" else f"world/robot/{sensor}"
+
+
+def images(row: Row) -> list[str]:
+    """The sensors of the pictures of a row."""
+    return [column.rpartition(":")[0] for column in row if column.endswith(":image")]
+
+
+def decode_observation(row: Row, pixels: Mapping[str, NDArray[np.uint8]]) -> Observation:
+    """The observation of a row; `pixels` holds the pictures by their sensors' names."""
+    kinds = {}
+    for column in row:
+        sensor, colon, name = column.rpartition(":")
+        if colon and not name.endswith(_TEXT):
+            kinds[sensor] = name
+    readings = {}
+    for sensor in dict.fromkeys((*row.get("scans", ()), *sorted(kinds))):
+        column = f"{sensor}:{kinds[sensor]}"
+        reading = _BY_NAME[kinds[sensor]].decode(row[column], row.get(column + _TEXT, ()), sensor)
+        if kinds[sensor] == _IMAGE.name:
+            time, intrinsics, mount = reading
+            reading = Image(time, pixels[sensor], intrinsics, mount)
+        readings[sensor] = reading
+    return Observation(float(row["time"][0]), readings)
 
 
 def encode_command(command: Command) -> Row:
@@ -166,24 +254,28 @@ def encode_command(command: Command) -> Row:
             row["status"] = (status,)
     if command.pan is not None:
         row["pan"] = (command.pan,)
+    if command.work:
+        row["work"], row["units"] = tuple(command.work.values()), tuple(command.work)
     return row
 
 
 def decode_command(row: Row) -> Command:
     """The command of a row, with an empty trace."""
     pan = float(row["pan"][0]) if len(row.get("pan", ())) else None
+    work = {unit: int(count) for unit, count in zip(row.get("units", ()), row.get("work", ()), strict=True)}
+    carried: dict[str, Any] = {"pan": pan, "work": work}
     match str(row["kind"][0]):
         case "Drive":
             v, omega = map(float, row["values"])
-            return Drive(Twist(v, omega), pan)
+            return Drive(Twist(v, omega), **carried)
         case "Serial":
-            return Serial(row["text"][0], pan)
+            return Serial(row["text"][0], **carried)
         case "Done":
-            return Done(row["text"][0], pan)
+            return Done(row["text"][0], **carried)
         case "GiveUp":
-            return GiveUp(row["text"][0], row["status"][0], pan)
+            return GiveUp(row["text"][0], row["status"][0], **carried)
         case "Hold":
-            return Hold(pan)
+            return Hold(**carried)
         case kind:
             raise ValueError(f"unknown kind of command {kind!r}")
 

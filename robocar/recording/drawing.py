@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, assert_never
 
 import numpy as np
 import pyarrow as pa
@@ -12,7 +12,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from robocar.core import SE2, Array, Detection, GridMap, Image, OccupancyGrid, Robot, Scan
-from robocar.core.trace import Arrows, Circles, Drawable, Field, Lines, Points, Segments
+from robocar.core.trace import Arrows, Circles, Drawable, Field, Lines, Points, Scalar, Segments, Text
 from robocar.recording import palette
 from robocar.recording.columns import ragged, single, vectors
 from robocar.recording.scenery import Box, Cylinder, Scenery, Solid
@@ -139,7 +139,9 @@ def drawable_bytes(item: Drawable) -> int:
         case Field(grid):
             # Compressed: neighbouring cells resemble each other.
             return grid.data.size // 4
-    return 0
+        case Circles() | Scalar() | Text():
+            return 0
+    assert_never(item)
 
 
 def occupied_boxes(grid: OccupancyGrid) -> NDArray[np.int64]:

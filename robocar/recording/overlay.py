@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from robocar.core import Array, Footprint
 from robocar.recording import columns, drawing, palette
-from robocar.recording.blueprint import everything_until_now, extent
+from robocar.recording.blueprint import everything_until_now, from_above
 from robocar.recording.scenery import Scenery
 from robocar.recording.streams import Streams
 
@@ -33,12 +33,13 @@ class Side:
 
 
 def write_overlay(
-    path: Path, scenery: Scenery, footprint: Footprint, base: Side, new: Side, time: float, tick: int, title: str
+    path: Path, scenery: Scenery, footprint: Footprint, sides: tuple[Side, Side], time: float, tick: int, title: str
 ) -> Path:
     """Writes both runs over the same map, opening where they part.
 
     Args:
         scenery: of the world of both.
+        sides: the run that was there before and the new one.
         time, tick: at which they part: the recording opens there.
         title: of the page that says what is to be seen.
 
@@ -46,6 +47,7 @@ def write_overlay(
         OutputError: the file cannot be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
+    base, new = sides
     stream = Streams(path, f"{base.label} and {new.label}", _blueprint(scenery), live=False)
     drawing.log_scenery(stream, scenery)
     for name, side in (("base", base), ("new", new)):
@@ -113,19 +115,11 @@ def _send(
 
 
 def _blueprint(scenery: Scenery) -> rrb.Blueprint:
-    centre, width, height = extent(scenery)
-    distance = 1.12 * max(height, width / 1.3)
-    above = rrb.EyeControls3D(
-        kind="Orbital",
-        position=[centre[0], centre[1] - 1e-3 * distance, distance],
-        look_target=[centre[0], centre[1], 0.0],
-        eye_up=[0.0, 1.0, 0.0],
-    )
     world = rrb.Spatial3DView(
         origin="world",
         contents=["+ /world/**", "- /world/map/truth/walls"],
         name="Map",
-        eye_controls=above,
+        eye_controls=from_above(scenery),
         background=list(palette.BACKGROUND),
         line_grid=False,
         overrides={f"world/{name}/path": everything_until_now((SINCE, "sim_time", "tick")) for name in COLORS},

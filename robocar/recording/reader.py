@@ -53,21 +53,22 @@ def read_observations(path: PathLike) -> Iterator[tuple[Observation, Command]]:
     Raises:
         LogFormatError: the file is no recording, or lacks observations, commands or pictures.
     """
-    observations = _rows(path, "observation", (*codec.NUMBERS, *codec.TEXTS))
-    commands = _rows(path, "command", (*codec.COMMAND_NUMBERS, *codec.COMMAND_TEXTS))
+    observations, commands = _rows(path, "observation"), _rows(path, "command")
     if not observations or observations.keys() != commands.keys():
         raise LogFormatError(
             f"{path}: {len(observations)} observations and {len(commands)} commands; a run has one of each per tick"
         )
-    pictures = {name: _rows(path, f"{entity}/image", ("EncodedImage:blob",)) for name, entity in codec.IMAGE_ENTITIES.items()}
+    if unknown := sorted({column for row in observations.values() for column in codec.unknown_columns(row)}):
+        raise LogFormatError(f"{path}: recorded by another version of Robocar: columns {', '.join(unknown)}")
+    cameras = {sensor for row in observations.values() for sensor in codec.images(row)}
+    pictures = {sensor: _rows(path, f"{codec.image_entity(sensor)}/image") for sensor in cameras}
     for tick in sorted(observations):
         row = observations[tick]
         pixels = {}
-        for name, blobs in pictures.items():
-            if len(row.get(name, ())):
-                if tick not in blobs:
-                    raise LogFormatError(f"{path}: tick {tick} has an {name} but no pixels")
-                pixels[name] = codec.decode_png(blobs[tick]["EncodedImage:blob"][0].values.to_numpy())
+        for sensor in codec.images(row):
+            if tick not in pictures[sensor]:
+                raise LogFormatError(f"{path}: tick {tick} has a picture of sensor {sensor!r} but no pixels")
+            pixels[sensor] = codec.decode_png(pictures[sensor][tick]["EncodedImage:blob"][0].values.to_numpy())
         yield codec.decode_observation(row, pixels), codec.decode_command(commands[tick])
 
 
@@ -94,17 +95,16 @@ def _column(path: PathLike, entity: str, component: str) -> tuple[Array, NDArray
     return np.concatenate(times), np.concatenate(values)
 
 
-def _rows(path: PathLike, entity: str, components: tuple[str, ...]) -> dict[int, codec.Row]:
-    """Rows by tick."""
+def _rows(path: PathLike, entity: str) -> dict[int, codec.Row]:
+    """Rows by tick, of all that is kept as lists."""
     rows: dict[int, codec.Row] = {}
     for batch in _batches(path, entity):
         ticks = batch["tick"].to_pylist()
         for tick in ticks:
             rows.setdefault(tick, {})
-        for name in components:
-            if name not in batch.schema.names:
+        for name, column in zip(batch.schema.names, batch.columns, strict=True):
+            if not pa.types.is_list(column.type):
                 continue
-            column = batch[name]
             values = column.values
             if pa.types.is_floating(values.type):
                 values = values.to_numpy()

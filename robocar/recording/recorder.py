@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, Protocol, runtime_checkable
 
-from robocar.core import SE2, Belief, Command, Mapper, Observation
+from robocar.core import SE2, Command, Observation, State
 from robocar.core.truth import GroundTruth
+
+_NO_SIGNALS: Mapping[str, float] = MappingProxyType({})
 
 
 @runtime_checkable
@@ -16,24 +19,24 @@ class Recorder(Protocol):
     def log(
         self,
         observation: Observation,
-        belief: Belief,
-        mapper: Mapper,
+        state: State,
         command: Command,
         truth: GroundTruth | None,
         *,
         odometry: SE2 | None = None,
         planning_time: float | None = None,
+        signals: Mapping[str, float] = _NO_SIGNALS,
     ) -> None:
         """One tick.
 
         Args:
             observation: what was sensed.
-            belief: what the estimator made of it.
-            mapper: asked for its grid now and then, not at every tick.
+            state: what the estimator made of it; its map is asked for its grid now and then, not at every tick.
             command: what the navigator answered.
             truth: the simulator's state, None where nobody knows it (recorded logs).
             odometry: world_from_robot by dead reckoning alone.
             planning_time: what the navigator took for its answer [s]; leave it out where recordings must compare equal.
+            signals: further numbers of this tick, time series by name.
 
         Raises:
             OutputError: the recording cannot be written.
@@ -55,13 +58,13 @@ class NullRecorder:
     def log(
         self,
         observation: Observation,
-        belief: Belief,
-        mapper: Mapper,
+        state: State,
         command: Command,
         truth: GroundTruth | None,
         *,
         odometry: SE2 | None = None,
         planning_time: float | None = None,
+        signals: Mapping[str, float] = _NO_SIGNALS,
     ) -> None:
         pass
 

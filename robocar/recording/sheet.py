@@ -59,16 +59,9 @@ class Sheet:
         self._rows: list[tuple[float, ...]] = []
         self._paths: dict[str, _PathEnd] = {}
 
-    def append(
-        self,
-        tick: int,
-        time: float,
-        belief: Belief,
-        command: Command,
-        truth: GroundTruth | None,
-        odometry: SE2 | None,
-        planning_time: float | None,
-    ) -> None:
+    def append(self, tick: int, time: float, facts: tuple[Belief, Command, GroundTruth | None, SE2 | None, float | None]) -> None:
+        """A row: belief, command, truth, dead reckoning, and planning time [s]."""
+        belief, command, truth, odometry, planning_time = facts
         pose, twist = belief.pose, belief.twist
         row = [*_MISSING] if truth is None else [truth.pose.x, truth.pose.y, truth.pose.theta]
         row += _MISSING if odometry is None else (odometry.x, odometry.y, odometry.theta)

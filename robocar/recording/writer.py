@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path as FilePath
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -16,20 +17,25 @@ import rerun as rr
 
 from robocar.core import (
     SE2,
+    Array,
     Belief,
     Command,
     Done,
     GiveUp,
     Image,
-    Mapper,
+    MapView,
     Observation,
     OccupancyGrid,
     OutputError,
+    Reading,
     Scan,
     Serial,
+    State,
 )
+from robocar.core.observation import USUAL_SENSORS
 from robocar.core.trace import Circles, Drawable, Points, Scalar, Text, Trace
 from robocar.core.truth import GroundTruth
+from robocar.core.work import total
 from robocar.recording import about, codec, columns, drawing, palette
 from robocar.recording.blueprint import blueprint, extent
 from robocar.recording.columns import Buffer
@@ -80,13 +86,14 @@ class RerunRecorder:
         self._sheet = Sheet()
         self._buffers: dict[str, Buffer] = {}
         self._rows: dict[tuple[Any, ...], Buffer] = {}
-        self._observed = Buffer("observation", _observation_columns)
-        self._commanded = Buffer("command", _command_columns)
+        self._observed = Buffer("observation", _table)
+        self._commanded = Buffer("command", _table)
         self._mounts: dict[str, Any] = {}
         self._sonars: dict[str, tuple[Any, Buffer]] = {}
         self._texts: dict[str, Any] = {}
         self._traces = Throttle(TRACE_INTERVAL, TRACE_RATE, drawing.drawable_bytes)
-        self._next_grid = self._next_particles = self._next_ellipse = self._next_laser = -math.inf
+        self._next_grid = self._next_particles = self._next_ellipse = -math.inf
+        self._next_laser: dict[str, float] = {}
         self._grid: OccupancyGrid | None = None
         # Lines of a map of 40 m are not drawn as thin as those of one of 4 m.
         self._scale = max(1.0, max(extent(scenery)[1:]) / 4.0)
@@ -119,26 +126,31 @@ class RerunRecorder:
     def log(
         self,
         observation: Observation,
-        belief: Belief,
-        mapper: Mapper,
+        state: State,
         command: Command,
         truth: GroundTruth | None,
         *,
         odometry: SE2 | None = None,
         planning_time: float | None = None,
+        signals: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
         """See `Recorder.log`."""
         self._tick += 1
         self._time = observation.time
         self._observed.append(self._tick, self._time, codec.encode_observation(observation))
         self._commanded.append(self._tick, self._time, codec.encode_command(command))
-        self._sheet.append(self._tick, self._time, belief, command, truth, odometry, planning_time)
+        belief = state.belief
+        self._sheet.append(self._tick, self._time, (belief, command, truth, odometry, planning_time))
+        for name, value in signals.items():
+            self._number(name, value)
+        for unit, count in total(state.work, command.work).items():
+            self._number(f"work/{unit}", count)
         if truth is not None:
             self._truth(truth)
         self._command(command)
         self._sensors(observation)
         self._belief(belief)
-        self._map(mapper)
+        self._map(state.map)
         self._trace(belief.trace)
         self._trace(command.trace)
         for name, item in self._traces.due(self._time):
@@ -182,42 +194,55 @@ class RerunRecorder:
     def _sensors(self, observation: Observation) -> None:
         for line in observation.serial:
             self._log("log/serial", rr.TextLog(f"< {line}", level="ERROR" if line.startswith("ERR") else "INFO"))
-        for scan in observation.sonars:
-            self._sonar(scan)
-        if observation.lidar is not None and self._time >= self._next_laser:
-            self._next_laser = self._time + LASER_INTERVAL
-            self._laser(observation.lidar)
-        if observation.image is not None:
-            self._image("image", observation.image)
-        if observation.top_image is not None:
-            self._image("top_image", observation.top_image)
         if observation.landmarks:
             self._log("world/robot/detections", drawing.detections(observation.landmarks))
+        for sensor, reading in observation.readings.items():
+            match codec.plain(reading):
+                case Scan(beam_width=0.0):
+                    self._laser(sensor, reading)
+                case Scan():
+                    self._sonar(sensor, reading)
+                case Image():
+                    self._image(sensor, reading)
+                case Reading(_, int() | float() | np.ndarray() as value) if sensor not in USUAL_SENSORS:
+                    self._series(sensor, value)
 
-    def _sonar(self, scan: Scan) -> None:
+    def _series(self, sensor: str, value: float | Array) -> None:
+        """The numbers of a sensor that has no picture of its own, over time."""
+        entity = f"sensor/{_entity(sensor)}"
+        if np.ndim(value) == 0:
+            self._number(entity, float(value))
+        else:
+            for k, number in enumerate(np.ravel(value)):
+                self._number(f"{entity}/{k}", float(number))
+
+    def _sonar(self, sensor: str, scan: Scan) -> None:
         if len(scan.bearings) == 0 or not math.isfinite(scan.bearings[0]):
             return
         mount = (scan.robot_from_sensor, scan.beam_width, float(scan.bearings[0]))
-        known = self._sonars.get(scan.name)
+        known = self._sonars.get(sensor)
         if known is None or known[0] != mount:
-            entity = f"world/robot/sonar/{_part(scan.name or 'sonar')}"
+            entity = f"world/robot/{_entity(sensor)}"
             self._log(entity, drawing.transform(scan.robot_from_sensor, drawing.SENSOR_LAYER))
             self._log(f"{entity}/cone", drawing.cone(mount[2], scan.beam_width))
-            known = self._sonars[scan.name] = (mount, self._buffer(f"{entity}/cone", columns.cones))
+            known = self._sonars[sensor] = (mount, self._buffer(f"{entity}/cone", columns.cones))
         distance = float(scan.ranges[0])
         row = (distance, _ECHO) if math.isfinite(distance) else (scan.max_range, _NO_ECHO)
         known[1].append(self._tick, self._time, row)
 
-    def _laser(self, scan: Scan) -> None:
-        entity = "world/robot/lidar"
+    def _laser(self, sensor: str, scan: Scan) -> None:
+        if self._time < self._next_laser.get(sensor, -math.inf):
+            return
+        self._next_laser[sensor] = self._time + LASER_INTERVAL
+        entity = f"world/robot/{_entity(sensor)}"
         if self._mounts.get(entity) != scan.robot_from_sensor:
             self._mounts[entity] = scan.robot_from_sensor
             self._log(entity, drawing.transform(scan.robot_from_sensor, drawing.SENSOR_LAYER))
             self._log(f"{entity}/hits", rr.Points3D.from_fields(colors=[palette.rgba32(palette.LASER)], radii=[0.015]))
         self._buffer(f"{entity}/hits", columns.clouds).append(self._tick, self._time, drawing.laser_hits(scan, MOST_BEAMS))
 
-    def _image(self, name: str, image: Image) -> None:
-        entity = codec.IMAGE_ENTITIES[name]
+    def _image(self, sensor: str, image: Image) -> None:
+        entity = codec.image_entity(sensor)
         mount = (image.intrinsics.tobytes(), np.asarray(image.robot_from_camera).tobytes(), image.pixels.shape)
         if self._mounts.get(entity) != mount:
             self._mounts[entity] = mount
@@ -234,10 +259,10 @@ class RerunRecorder:
             self._next_particles = self._time + PARTICLE_INTERVAL
             self._log("world/estimate/particles", drawing.particles(belief.particles, MOST_PARTICLES))
 
-    def _map(self, mapper: Mapper) -> None:
-        if self._time < self._next_grid:
+    def _map(self, view: MapView | None) -> None:
+        if view is None or self._time < self._next_grid:
             return
-        grid = mapper.grid()
+        grid = view.grid()
         self._next_grid = self._time + GRID_INTERVAL
         if grid is None or grid is self._grid:
             return
@@ -319,31 +344,23 @@ def _entity(name: str) -> str:
     return "/".join(map(_part, filter(None, name.split("/")))) or "unnamed"
 
 
-def _observation_columns(rows: columns.Rows) -> list[rr.ComponentColumn]:
-    return _table(rows, codec.NUMBERS, codec.TEXTS)
-
-
-def _command_columns(rows: columns.Rows) -> list[rr.ComponentColumn]:
-    return _table(rows, codec.COMMAND_NUMBERS, codec.COMMAND_TEXTS)
-
-
 def _ellipse_columns(rows: columns.Rows) -> list[rr.ComponentColumn]:
     positions, covariances = (np.array(part) for part in zip(*rows, strict=True))
     return columns.strips(drawing.covariance_ellipses(positions, covariances), drawing.ELLIPSE_CORNERS)
 
 
-def _table(rows: columns.Rows, numbers: tuple[str, ...], texts: tuple[str, ...]) -> list[rr.ComponentColumn]:
+def _table(rows: columns.Rows) -> list[rr.ComponentColumn]:
     """Columns of the rows of `codec`, without those that are empty throughout."""
     table = []
-    present = set().union(*rows)
-    for name in (name for name in numbers + texts if name in present):
+    for name in dict.fromkeys(chain.from_iterable(rows)):
         values = [row.get(name, ()) for row in rows]
         lengths = [len(value) for value in values]
-        if name in texts:
-            flat = pa.array(list(chain.from_iterable(values)), pa.string())
-        elif any(isinstance(value, np.ndarray) for value in values):
-            flat = pa.array(np.concatenate([value for value in values if len(value)], dtype=np.float64))
+        filled = [value for value in values if len(value)]
+        if isinstance(filled[0][0], str):
+            flat = pa.array(list(chain.from_iterable(filled)), pa.string())
+        elif any(isinstance(value, np.ndarray) for value in filled):
+            flat = pa.array(np.concatenate(filled, dtype=np.float64))
         else:
-            flat = pa.array(np.array(list(chain.from_iterable(values)), dtype=np.float64))
+            flat = pa.array(np.array(list(chain.from_iterable(filled)), dtype=np.float64))
         table.append(columns.cells(name, flat, lengths))
     return table

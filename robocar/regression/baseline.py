@@ -9,7 +9,7 @@ from typing import Any
 
 from robocar.core import LogFormatError
 from robocar.formats.files import write_atomically
-from robocar.regression.judgement import WALL_CLOCK
+from robocar.metrics import declared
 from robocar.regression.results import SCHEMA, Results, Row, read_parquet, read_results, read_run
 
 KIND = "robocar-baseline"
@@ -31,7 +31,8 @@ def write_baseline(
     """
     rows = sorted(rows, key=lambda row: row.name)
     versions = [dict(kept) for kept in dict.fromkeys(tuple(sorted(row.versions.items())) for row in rows if row.versions)]
-    used = {name for row in rows for name in row.metrics if name not in WALL_CLOCK}
+    of_the_clock = {name for name, declaration in declared().items() if declaration.wall_clock}
+    used = {name for row in rows for name in row.metrics if name not in of_the_clock}
     head = {
         "schema": SCHEMA,
         "kind": KIND,
@@ -46,7 +47,7 @@ def write_baseline(
         outcome = {"status": row.status, "hash": row.hash, "fingerprint": row.fingerprint}
         if len(versions) > 1:
             outcome["versions"] = versions.index(dict(row.versions)) if row.versions else None
-        metrics = {name: _short(value) for name, value in row.metrics.items() if name not in WALL_CLOCK}
+        metrics = {name: _short(value) for name, value in row.metrics.items() if name not in of_the_clock}
         parts = [json.dumps(facts)[1:-1], json.dumps(outcome)[1:-1], f'"metrics": {json.dumps(metrics)}']
         blocks.append(f"  {json.dumps(row.name)}: {{\n   " + ",\n   ".join(parts) + "\n  }")
     text = "{\n" + "\n".join(lines) + '\n "runs": {\n' + ",\n".join(blocks) + "\n }\n}\n"

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from robocar.core import LogFormatError
-from robocar.regression.judgement import Tolerance, tolerances
+from robocar.metrics import Tolerance
+from robocar.regression.judgement import tolerances
 from robocar.regression.results import Results, Row
 from robocar.regression.statistics import IntervalEstimate, mean
 

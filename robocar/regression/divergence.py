@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from robocar.core import Array, LogFormatError
+from robocar.core import Array, Image, LogFormatError
 from robocar.formats import Trajectory, read_tum
 from robocar.regression.results import Row, read_run, read_yaml
 
@@ -161,9 +161,9 @@ def _messages_of(folder: Path) -> Iterator[Mapping[str, Any]]:
     for observation, command in read_observations(folder / "run.rrd"):
         row = {f"observation/{name}": value for name, value in encode_observation(observation).items()}
         row |= {f"command/{name}": value for name, value in encode_command(command).items()}
-        for name in ("image", "top_image"):
-            if (image := getattr(observation, name)) is not None:
-                row[f"observation/{name} pixels"] = image.pixels
+        for name, reading in observation.readings.items():
+            if isinstance(reading, Image):
+                row[f"observation/{name} pixels"] = reading.pixels
         yield row
 
 
@@ -190,12 +190,13 @@ def _overlay(folders: tuple[Path, Path], truths: list[Trajectory], first: Differ
     from robocar.recording.scenery import Scenery
     from robocar.scenario.model import Scenario
     from robocar.scenario.scene import Scene
-    from robocar.sim.car import footprint
 
     config = read_yaml(folders[0] / "config.yaml")
     try:
         place = {"folder": Path(config["folder"])} if "folder" in config else {}
-        scene = Scene.load(Scenario.model_validate(config["scenario"] | place), footprint())
+        scenario = Scenario.model_validate(config["scenario"] | place)
+        footprint = scenario.robot_model().footprint
+        scene = Scene.load(scenario, footprint)
         scenery = Scenery(
             truth=scene.enclosed,
             prior=scene.prior,
@@ -208,5 +209,5 @@ def _overlay(folders: tuple[Path, Path], truths: list[Trajectory], first: Differ
         raise LogFormatError(f"{folders[0] / 'config.yaml'}: not the configuration of a run: {error}") from error
     names = [folder.resolve().name for folder in folders]
     labels = names if names[0] != names[1] else [str(folder) for folder in folders]
-    sides = [Side(label, truth.times, truth.poses) for label, truth in zip(labels, truths, strict=True)]
-    return write_overlay(out, scenery, footprint(), sides[0], sides[1], first.time, first.tick, f"{first.quantity} differs")
+    base, new = (Side(label, truth.times, truth.poses) for label, truth in zip(labels, truths, strict=True))
+    return write_overlay(out, scenery, footprint, (base, new), first.time, first.tick, f"{first.quantity} differs")

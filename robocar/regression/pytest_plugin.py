@@ -195,7 +195,7 @@ def _row(run: RunResult) -> Row:
 
     if run.directory is not None:
         return read_run(run.directory)
-    from robocar.episode.run_directory import run_name
+    from robocar.episode.spec import run_name
 
     parts = {"navigator": run.navigator, "estimator": run.estimator, "mapper": run.mapper}
     metrics = {name: None if metric["value"] is None else float(metric["value"]) for name, metric in run.metrics.items()}

@@ -10,16 +10,17 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from robocar.core import RobocarError, ScenarioError, UnknownNameError
+from robocar.core import ParameterError, RobocarError, ScenarioError, UnknownNameError
 from robocar.core.suggestions import did_you_mean
-from robocar.episode.registry import Kind, find, names, parameters
-from robocar.episode.run_directory import run_name
+from robocar.episode.registry import check_parameters, find
+from robocar.episode.spec import run_name
+from robocar.metrics import Tolerance
 from robocar.paths import MODELS
-from robocar.regression.judgement import TOLERANCES, Tolerance, tolerances
+from robocar.regression.judgement import tolerances
 from robocar.scenario.load import find_scenario, load_scenario
 from robocar.scenario.model import Scenario
 from robocar.scenario.settings import COMPONENTS, split_overrides
-from robocar.scenario.validation import read_mapping, validated
+from robocar.validation import read_mapping, validated
 
 MOST_SEEDS = 10_000
 
@@ -170,15 +171,15 @@ def load_suite(source: str | Path | Mapping[str, Any], *, navigators: Sequence[s
     model = validated(SuiteModel, content, where)
     for seed in seeds:
         if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-            raise ScenarioError(f"a seed must be a whole number from 0 on, not {seed!r}")
+            raise ScenarioError(f"a seed must be a non-negative integer, not {seed!r}")
     check = _Check(folder)
     cases = tuple(case for i, block in enumerate(model.runs) for case in check.block(model, block, i, navigators, seeds))
     check.duplicates(cases)
     changes = {metric: change.model_dump(exclude_none=True) for metric, change in model.tolerances.items()}
     for metric in changes:
-        if metric not in TOLERANCES:
-            known = f"; known: {', '.join(TOLERANCES)}"
-            check.errors.append(f"tolerances: unknown metric {metric!r}{did_you_mean(metric, TOLERANCES)}{known}")
+        if metric not in (judged := tolerances()):
+            known = f"; known: {', '.join(judged)}"
+            check.errors.append(f"tolerances: unknown metric {metric!r}{did_you_mean(metric, judged)}{known}")
     if check.errors:
         raise ScenarioError(f"{where}: " + "; ".join(dict.fromkeys(check.errors)))
     return Suite(model.name, model.description, cases, tolerances(changes), model.limit, model.record, model.exact)
@@ -259,14 +260,7 @@ class _Check:
 
     def _parameters(self, kind: str, chosen: Sequence[str], given: Mapping[str, Any], where: str) -> None:
         for name in chosen if given else ():
-            known = parameters(find(kind, name))  # type: ignore[arg-type]
-            if not known and name not in _ours(kind):  # type: ignore[arg-type]
-                continue  # a third party's factory without a dataclass of parameters looks at them itself
-            for key in sorted(set(given) - set(known)):
-                valid = ", ".join(sorted(known)) or "none"
-                near = did_you_mean(key, known)
-                self.errors.append(f"{where}.settings: {kind} {name!r} has no parameter {key!r}{near}; it has: {valid}")
-
-
-def _ours(kind: Kind) -> set[str]:
-    return {name for name, entry in names(kind).items() if entry.factory.startswith("robocar.")}
+            try:
+                check_parameters(kind, name, given)  # type: ignore[arg-type]
+            except ParameterError as error:
+                self.errors.append(f"{where}.settings: {error}")

@@ -89,7 +89,7 @@ def sweep(
             for job in todo:
                 clear(job)  # what a killed sweep left
             _describe(suite, folder)
-            lost = _run(todo, missing, folder, jobs, scheduler, progress or _silent, before, total) if todo else []
+            lost = _run(todo, missing, folder, jobs, scheduler, progress or _silent, total) if todo else []
             results.write_parquet(results.read_results(folder), folder / results.PARQUET)
         except OSError as error:
             done = sum(results.is_complete(folder / case.name) for case in suite.cases)
@@ -105,11 +105,11 @@ def _run(
     jobs: int | None,
     scheduler: str | None,
     progress: SweepProgress,
-    before: int,
     total: int,
 ) -> list[str]:
-    """All jobs; returns the names of those that were lost."""
+    """All jobs, of a suite of so many runs; returns the names of those that were lost."""
     lost: list[str] = []
+    before = total - len(todo)
     count = None if jobs is None and scheduler else min(jobs or usable_cores(), len(todo))
     try:
         with workers(count, scheduler) as found:

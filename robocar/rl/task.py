@@ -17,13 +17,12 @@ from scipy.sparse.csgraph import dijkstra
 from robocar.core import STOP, Array, Context, Drive, Observation, ScenarioError, Twist
 from robocar.core.distance import obstacle_distance
 from robocar.core.randomness import stream
-from robocar.episode.run import simulation_of
+from robocar.episode.run import world_of
 from robocar.estimation.odometry.odometry import OdometryEstimator
 from robocar.scenario.load import load_scenario
 from robocar.scenario.model import Scenario
 from robocar.scenario.scene import Scene
 from robocar.scenario.settings import split_overrides
-from robocar.sim.car import footprint
 
 PSD_RANGE = 10.0
 """What the infrared sensor is taken to say where it sees nothing [m]."""
@@ -115,7 +114,8 @@ class DrivingTask:
             raise ScenarioError("a learning environment has no navigator, estimator or mapper to be set")
         if pose not in ("odometry", "truth"):
             raise ValueError(f"pose must be 'odometry' or 'truth', not {pose!r}")
-        self.scene = Scene.load(load_scenario(scenario, scenario_settings), footprint())
+        loaded = load_scenario(scenario, scenario_settings)
+        self.scene = Scene.load(loaded, loaded.robot_model().footprint)
         if self.scene.goal is None:
             raise ScenarioError(f"{self.scene.scenario.name}: a learning environment needs a goal")
         if self.scene.scenario.events:
@@ -123,19 +123,19 @@ class DrivingTask:
         self.goal = self.scene.goal
         self.reward, self._pose = reward or Reward(), pose
         self.field = _distance_field(self.scene) if self.reward.distance == "geodesic" else None
-        self.simulation = simulation_of(self.scene, 0)  # whose sensors say what is observed
-        limits = self.simulation.robot.limits
+        self.world = world_of(self.scene, 0)  # whose sensors say what is observed
+        limits = self.world.robot.robot.limits
         self.low = np.array([limits.min_vel_x, -limits.max_vel_theta], dtype=np.float32)
         self.high = np.array([limits.max_vel_x, limits.max_vel_theta], dtype=np.float32)
-        first = self.simulation.sense()
+        first = self.world.robot.sense()
         self.spaces = self._spaces(first)
-        self.period = self.simulation.control_period
+        self.period = self.world.control_period
 
     def reset(self, seed: int) -> dict[str, NDArray[Any]]:
         """A new episode: a new car with new tolerances and noise. Equal seeds and actions give equal episodes."""
-        self.simulation.close()
-        self.simulation = simulation_of(self.scene, seed)
-        robot = self.simulation.robot
+        self.world.close()
+        self.world = world_of(self.scene, seed)
+        robot = self.world.robot.robot
         context = Context(
             robot,
             None,
@@ -167,12 +167,13 @@ class DrivingTask:
             raise ValueError(f"an action is two finite numbers (v, omega), not {action!r}")
         v, omega = np.clip(twist, self.low, self.high)
         self._command = Drive(Twist(float(v), float(omega)))
-        self.simulation.act(self._command)
-        problem = self.simulation.diverged()
+        self.world.robot.act(self._command)
+        self.world.step()
+        problem = self.world.diverged()
         if problem is not None:
             return StepOutcome(self._copy(), 0.0, True, False, f"diverged: {problem}")
         observation = self._observe()
-        truth, before = self.simulation.ground_truth(), self._distance
+        truth, before = self.world.ground_truth(), self._distance
         self._distance = self.distance()
         gap = math.dist((truth.pose.x, truth.pose.y), self.goal.position)
         arrived = gap <= self.goal.xy_goal_tolerance
@@ -187,7 +188,7 @@ class DrivingTask:
 
     def distance(self) -> float:
         """What the reward's progress is measured by: from the true position to the goal [m]."""
-        pose = self.simulation.ground_truth().pose
+        pose = self.world.ground_truth().pose
         if self.field is None:
             return math.dist((pose.x, pose.y), self.goal.position)
         x, y = self.scene.grid.grid_from_world(pose.position)
@@ -196,12 +197,12 @@ class DrivingTask:
 
     def close(self) -> None:
         """Frees the renderer."""
-        self.simulation.close()
+        self.world.close()
 
     # -- what is seen ---------------------------------------------------------------------------------------------------
 
     def _spaces(self, first: Observation) -> dict[str, Space]:
-        robot, far = self.simulation.robot, float(np.linalg.norm(self.scene.grid.size)) * 2.0 + 10.0
+        robot, far = self.world.robot.robot, float(np.linalg.norm(self.scene.grid.size)) * 2.0 + 10.0
         spaces = {"goal": Space((3,), np.float32, -far, far), "speed": Space((2,), np.float32, -100.0, 100.0)}
         if robot.sonars:
             spaces["sonars"] = Space((len(robot.sonars),), np.float32, 0.0, max(s.max_range for s in robot.sonars))
@@ -217,15 +218,15 @@ class DrivingTask:
         return spaces
 
     def _observe(self) -> dict[str, NDArray[Any]]:
-        new = self.simulation.sense()
+        new = self.world.robot.sense()
         belief = self._odometry.update(new, self._command)
-        pose = self.simulation.ground_truth().pose if self._pose == "truth" else belief.pose
+        pose = self.world.ground_truth().pose if self._pose == "truth" else belief.pose
         dx, dy = self.goal.position[0] - pose.x, self.goal.position[1] - pose.y
         bearing = math.atan2(dy, dx) - pose.theta
         self._see("goal", (math.hypot(dx, dy), math.cos(bearing), math.sin(bearing)))
         self._see("speed", (belief.twist.v, belief.twist.omega))
         for scan in new.sonars:
-            names = [sensor.name for sensor in self.simulation.robot.sonars]
+            names = [sensor.name for sensor in self.world.robot.robot.sonars]
             self._seen["sonars"][names.index(scan.name)] = self._range(float(scan.ranges[0]), scan.max_range)
         if new.lidar is not None:
             ranges = np.where(np.isfinite(new.lidar.ranges), new.lidar.ranges, new.lidar.max_range)
@@ -261,7 +262,7 @@ def _distance_field(scene: Scene) -> Array:
     """
     grid = scene.true_grid
     assert scene.goal is not None
-    radius = footprint().inscribed_radius
+    radius = scene.scenario.robot_model().footprint.inscribed_radius
     goal = grid.cell_inside(scene.goal.position, "goal")
     free = obstacle_distance(grid.occupied, grid.resolution) > radius
     free[goal] = True

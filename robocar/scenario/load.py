@@ -10,7 +10,7 @@ from robocar.core import ScenarioError
 from robocar.core.suggestions import did_you_mean
 from robocar.paths import MODELS
 from robocar.scenario.model import Scenario
-from robocar.scenario.validation import read_mapping, validated
+from robocar.validation import read_mapping, validated
 
 
 def scenario_names() -> list[str]:

@@ -1,34 +1,26 @@
-"""Scenario files: what world the car is put into, what it carries and knows, and where it shall go (design, section 9)."""
+"""Scenario files: what world the car is put into, what it carries and knows, and where it shall go."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
+from pydantic_core import core_schema
 
 from robocar.core import SE2, ScenarioError
 from robocar.core.solids import Box, Cylinder, Solid
 from robocar.paths import MODELS
+from robocar.sim.fit_out import FitOut
 from robocar.sim.movers import Motion, Mover
-from robocar.sim.sensors.parameters import SensorParameters
-from robocar.sim.simulation import PhysicsParameters
+from robocar.sim.physics import PhysicsParameters
+from robocar.sim.robot_model import RobotModel, robot_names
+from robocar.sim.sensors.types import checked_overrides, overrides_schema
+from robocar.validation import Finite, NotNegative, Positive, refuse_senseless
 
-
-def _no_flag(value: Any) -> Any:
-    """YAML's `yes` and `on` are flags, which Python would take for the number 1."""
-    if isinstance(value, bool):
-        raise ValueError(f"expected a number, not {value}")
-    return value
-
-
-Finite = Annotated[float, BeforeValidator(_no_flag), Field(allow_inf_nan=False)]
-NotNegative = Annotated[float, BeforeValidator(_no_flag), Field(ge=0, allow_inf_nan=False)]
-Positive = Annotated[float, BeforeValidator(_no_flag), Field(gt=0, allow_inf_nan=False)]
 Point = tuple[Finite, Finite]
 PoseTriple = tuple[Finite, Finite, Finite]
 # By their count, so that a bad number is reported once and not for either form.
@@ -36,7 +28,6 @@ PointOrTriple = Annotated[
     Annotated[Point, Tag("tuple[2]")] | Annotated[PoseTriple, Tag("tuple[3]")],
     Discriminator(lambda value: "tuple[3]" if isinstance(value, list | tuple) and len(value) > 2 else "tuple[2]"),
 ]
-_POSITIVE = ("period", "timestep", "control_period", "max_range", "beam_width", "resolution", "width", "height")
 
 
 class _Model(BaseModel):
@@ -135,23 +126,41 @@ class EventModel(_Model):
     kidnap: PoseTriple
 
 
-class RobotModel(_Model):
-    """The fit-out of the car."""
+class _Overrides:
+    """Parameters of sensors by type; only those that are given, so that the robot's own stand behind them."""
 
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
+        return core_schema.no_info_plain_validator_function(checked_overrides)
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: Any, handler: Any) -> Any:
+        return overrides_schema()
+
+
+class RobotSection(_Model):
+    """Which robot, and its fit-out."""
+
+    model: str = "robocar"
     sonars: Literal["none", "front", "front+sides", "ring"] = "front"
     lidar: Literal["none", "hokuyo", "scan360"] = "none"
     compass: bool = False
     camera: bool = False
     camera_pan: Literal["fixed", "sweep"] = "fixed"
     top_camera: bool = False
-    sensors: SensorParameters = Field(default_factory=SensorParameters)
+    sensors: Annotated[dict[str, dict[str, Any]], _Overrides] = {}
     physics: PhysicsParameters = Field(default_factory=PhysicsParameters)
 
-    @field_validator("sensors", "physics", mode="after")
+    @field_validator("physics", mode="after")
     @classmethod
-    def _sensible(cls, value: SensorParameters | PhysicsParameters) -> SensorParameters | PhysicsParameters:
-        _refuse_senseless(asdict(value))
+    def _sensible(cls, value: PhysicsParameters) -> PhysicsParameters:
+        refuse_senseless(PhysicsParameters, asdict(value))
         return value
+
+    @property
+    def fit_out(self) -> FitOut:
+        """What the robot carries."""
+        return FitOut(self.sonars, self.lidar, self.compass, self.camera, self.top_camera, self.camera_pan)
 
 
 class ProgressModel(_Model):
@@ -198,7 +207,7 @@ class Scenario(_Model):
     landmarks: list[LandmarkModel] = []
     movers: list[MoverModel] = []
     events: list[EventModel] = []
-    robot: RobotModel = RobotModel()
+    robot: RobotSection = RobotSection()
     on_contact: Literal["end", "continue"] = "end"
     lighting: Literal["default", "dim", "bright"] = "default"
     progress: ProgressModel = ProgressModel()
@@ -217,6 +226,16 @@ class Scenario(_Model):
                 raise ValueError(f"{what} need different names, not {names}")
         return self
 
+    def robot_model(self) -> RobotModel:
+        """The robot: one that comes with Robocar, or a folder beside the scenario.
+
+        Raises:
+            ScenarioError: there is none, or its file is wrong.
+        """
+        name = self.robot.model
+        beside = self.folder / Path(name).expanduser()
+        return RobotModel.load(beside if name not in robot_names() and beside.exists() else name)
+
     def file(self, field: str) -> Path:
         """The file that `map` or `prior` names: beside the scenario, in its parent folder, or in `models/`.
 
@@ -230,20 +249,6 @@ class Scenario(_Model):
             if candidate.is_file():
                 return candidate
         raise ScenarioError(f"scenario {self.name}: {field}: there is no file {name!r} beside it or in {MODELS.name}/")
-
-
-def _refuse_senseless(parameters: Mapping[str, Any], where: str = "") -> None:
-    """Sensors and physics come without negative numbers, and what divides (periods, sizes, ranges) without zeros."""
-    for name, value in parameters.items():
-        path = f"{where}.{name}" if where else name
-        if isinstance(value, Mapping):
-            _refuse_senseless(value, path)
-            continue
-        zero_is_fine = name not in _POSITIVE or path == "encoder.period"
-        if not (math.isfinite(value) and (value >= 0 if zero_is_fine else value > 0)):
-            raise ValueError(f"{path}: expected a finite number {'from 0 on' if zero_is_fine else 'above 0'}, not {value}")
-        if name == "dropout" and value > 1:
-            raise ValueError(f"{path}: expected a share of the readings, 0 to 1, not {value}")
 
 
 def pose_of(values: tuple[float, ...]) -> SE2:

@@ -28,9 +28,8 @@ from robocar.core.distance import ClearanceField, polygon_distance
 from robocar.core.solids import Box, Cylinder, Solid
 from robocar.formats import file_kind, load_barn_world, load_map
 from robocar.scenario.model import Scenario, goal_heading, pose_of
-from robocar.sim import world
 from robocar.sim.movers import Mover
-from robocar.sim.simulation import World
+from robocar.sim.world_spec import WorldSpec, add_top_camera, build_world
 
 BARN_RESOLUTION = 0.05  # [m] cells of the map of a world of cylinders, unless the scenario says otherwise: a third of its lattice
 FLOOR = 1.0  # [m] that such a map shows around start and goal, where they lie outside
@@ -97,11 +96,12 @@ class Scene:
     @cached_property
     def enclosed(self) -> OccupancyGrid:
         """The map with the wall around it, where there is one, as a ring of occupied cells."""
-        if self.scenario.border == "open":
-            return self.grid
-        edge = -self.grid.resolution
-        data = np.pad(self.grid.data, 1, constant_values=OCCUPIED)
-        return OccupancyGrid(data, self.grid.resolution, self.grid.origin @ SE2(edge, edge, 0.0))
+        return enclosed(self.grid, self.scenario.border == "wall")
+
+    @cached_property
+    def judged_map(self) -> OccupancyGrid:
+        """What a drawn map is compared with: walls, solids, and the wall around."""
+        return enclosed(self.true_grid, self.scenario.border == "wall")
 
     @cached_property
     def _walls(self) -> ClearanceField:
@@ -160,10 +160,10 @@ class Scene:
         rows, cols = self.grid.shape
         return range(max(0, row - reach), min(rows, row + reach + 1)), range(max(0, col - reach), min(cols, col + reach + 1))
 
-    def world(self) -> World:
-        """The MuJoCo world, without the car."""
+    def world(self) -> WorldSpec:
+        """The MuJoCo world, without robots."""
         scenario = self.scenario
-        return world.build_world(
+        spec = build_world(
             self.grid,
             wall_height=scenario.wall_height,
             landmarks=self.landmarks,
@@ -171,8 +171,10 @@ class Scene:
             movers=self.movers,
             border=scenario.border,
             lighting=scenario.lighting,
-            top_camera=scenario.robot.top_camera,
         )
+        if scenario.robot.top_camera:
+            add_top_camera(spec, self.grid, scenario.wall_height)
+        return spec
 
     # -- checks ---------------------------------------------------------------------------------------------------------
 
@@ -262,3 +264,12 @@ def _landmarks(scenario: Scenario) -> tuple[Landmark, ...]:
         z = rest[0] if rest else scenario.wall_height + ball.radius
         balls.append(Landmark(ball.name or f"{ball.color}_{i}", ball.color, np.array([x, y, z]), ball.radius))
     return tuple(balls)
+
+
+def enclosed(grid: OccupancyGrid, walled: bool) -> OccupancyGrid:
+    """The map with a ring of occupied cells around it, where the world has one."""
+    if not walled:
+        return grid
+    edge = -grid.resolution
+    data = np.pad(grid.data, 1, constant_values=OCCUPIED)
+    return OccupancyGrid(data, grid.resolution, grid.origin @ SE2(edge, edge))

@@ -1,4 +1,4 @@
-"""MuJoCo, and only here: world, car, sensors, movers, firmware, simulation."""
+"""MuJoCo, and only here: worlds, robots, sensors, movers, firmware."""
 
 import os
 

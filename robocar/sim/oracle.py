@@ -6,30 +6,27 @@ from collections.abc import Callable
 
 import numpy as np
 
-from robocar.core import Belief, Command, Context, Observation
+from robocar.core import Belief, Command, Context, Observation, declares
 from robocar.core.truth import GroundTruth
 
 
 class PoseOracle:
-    """`truth`: an adapter of the simulator in the estimator's place; `run` connects it to its simulation."""
+    """`truth`: the simulator in the estimator's place.
 
-    def __init__(self) -> None:
-        self._truth: Callable[[], GroundTruth] | None = None
+    Args:
+        truth: where it comes from.
+    """
 
-    def connect(self, truth: Callable[[], GroundTruth]) -> None:
-        """Where the truth comes from."""
+    def __init__(self, truth: Callable[[], GroundTruth]) -> None:
         self._truth = truth
 
-    def reset(self, rng: np.random.Generator) -> None:
-        pass
-
     def update(self, observation: Observation, command: Command) -> Belief:
-        if self._truth is None:
-            raise RuntimeError("the pose oracle is not connected to a simulation")
+        """The true pose of this tick."""
         truth = self._truth()
         return Belief(truth.pose, np.zeros((3, 3)), truth.twist)
 
 
+@declares(oracle=True)
 def build(context: Context) -> PoseOracle:
     """`truth`"""
-    return PoseOracle()
+    return PoseOracle(context.oracle)

@@ -11,8 +11,7 @@ import time
 import tty
 from collections.abc import Callable
 
-from robocar.core import Hold
-from robocar.sim.simulation import Simulation
+from robocar.sim.world import World
 
 MAX_LINE = 256  # [bytes] commands are much shorter; more is not kept, and the line is refused as a whole
 MAX_READ = 1024  # [bytes] a control tick, more than 115 200 baud bring in 50 ms; a faster client waits
@@ -74,7 +73,7 @@ class Pacer:
 
 
 def serve(
-    simulation: Simulation,
+    world: World,
     *,
     real_time: bool = True,
     stop: Callable[[], bool] = lambda: False,
@@ -85,7 +84,7 @@ def serve(
     Each answer ends in a line feed. A client may hang up and another one, or the same again, take over.
 
     Args:
-        simulation: the car and its world; stepped here.
+        world: of one robot; stepped here.
         real_time: keep pace with the wall clock; otherwise as fast as it goes.
         stop: asked before every control tick; True ends the session.
         announce: told the pseudo-terminal's path once, when it is open.
@@ -99,24 +98,24 @@ def serve(
     try:
         os.set_blocking(port, False)
         announce(path)
-        _serve(simulation, port, real_time, stop)
+        _serve(world, port, real_time, stop)
         _wait_until_read(path)
     finally:
         os.close(port)
 
 
-def _serve(simulation: Simulation, port: int, real_time: bool, stop: Callable[[], bool]) -> None:
-    firmware = simulation.firmware
+def _serve(world: World, port: int, real_time: bool, stop: Callable[[], bool]) -> None:
+    robot, firmware = world.robot, world.robot.firmware
     splitter = LineSplitter()
-    pacer = Pacer(simulation.control_period)
+    pacer = Pacer(world.control_period)
     unsent = b""
     while not (stop() or firmware.finished):
         for line in _listen(port, splitter, pacer.left if real_time else lambda: 0.0):
             if not firmware.finished:  # whatever stands behind F is none of its instructions
                 firmware.receive(line)
         pacer.tick()
-        simulation.act(Hold())
-        for answer in simulation.sense().serial:
+        world.step()
+        for answer in robot.sense().serial:
             if len(unsent) < MAX_UNSENT:  # whole lines are lost, never parts
                 unsent += f"{answer}\n".encode("ascii")
         unsent = unsent[_write(port, unsent) :]

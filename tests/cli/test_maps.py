@@ -84,7 +84,7 @@ class TestMaps:
             ("short.yaml --set time_limit=[", "the value is not YAML"),
             ("short.yaml --set time_limit=.nan", "time_limit: "),
             ("short.yaml --set robot.physics.control_period=0.033", "must be an integer multiple of the firmware's period"),
-            ("short.yaml --seed -3", "the seed must be a whole number from 0 on, not -3"),
+            ("short.yaml --seed -3", "the seed must be a non-negative integer, not -3"),
             ("short.yaml --out grid.txt/below", "grid.txt/below: cannot write a run here: Not a directory"),
             ("short.yaml --navigator nowhere.to:build", "there is no module 'nowhere'"),
         ],

@@ -131,6 +131,11 @@ def test_a_planner_of_somebody_else_by_path_and_by_entry_point(tmp_path: Path) -
         done = robocar("run", "short.yaml", "--navigator", name, "--no-recording", "--json")
         assert done.returncode == 0, done.stderr
         assert [json.loads(done.stdout)[key] for key in ("navigator", "reason")] == [name, "seen all"]
+    assert robocar("run", "short.yaml", "--estimator", "their_planners:at_goal", "--out", "recorded").returncode == 1  # missed
+    (recorded,) = (here / "recorded").iterdir()
+    (here / "mine.py").write_text("from their_planners import at_goal as build\n")
+    replayed = robocar("replay", str(recorded), "--estimator", "mine:build", "--out", "replayed", "--no-recording")
+    assert replayed.returncode == 0, replayed.stderr
     directories = {path.name for path in (here / "runs").iterdir()}
     assert directories == {"short--finisher--odometry--none--s0", "short--mine_build--odometry--none--s0"}
 

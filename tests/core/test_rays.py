@@ -6,11 +6,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from robocar.core import SE2, GridMap
-from robocar.core.rays import cast_rays, first_hit, segment_cells, traverse
+from robocar.core.rays import advance, advance_to, cast_rays, first_hit, segment_cells, start_ray, traverse
 
 sixteenths = st.integers(-160, 160)
 
@@ -37,6 +37,37 @@ def test_traversal_against_rational_arithmetic(a: int, b: int, c: int, d: int) -
     assert len(set(cells)) == len(cells)
     positions = [cells.index(cell) for cell in crossed_exactly(*(Fraction(v, 16) for v in (a, b, c, d)))]
     assert positions == sorted(positions)
+
+
+def walked_exactly(x: Fraction, y: Fraction, dx: Fraction, dy: Fraction, steps: int) -> list[tuple[int, int, Fraction]]:
+    """Row, column and parameter of entry of the first cells of a ray; each border's parameter by its own exact division."""
+    row, col = math.floor(y), math.floor(x)
+    cells = [(row, col, Fraction(0))]
+    for _ in range(steps):
+        crossing_x = (col + (dx > 0) - x) / dx if dx else None
+        crossing_y = (row + (dy > 0) - y) / dy if dy else None
+        if crossing_y is None or (crossing_x is not None and crossing_x <= crossing_y):
+            assert crossing_x is not None
+            col, entered = col + (1 if dx > 0 else -1), crossing_x
+        else:
+            row, entered = row + (1 if dy > 0 else -1), crossing_y
+        cells.append((row, col, entered))
+    return cells
+
+
+@given(sixteenths, sixteenths, *[st.sampled_from([0, 1, -1, 2, -2, 4, -4])] * 2)
+def test_the_walk_is_the_exact_one_and_at_corners_x_comes_first(a: int, b: int, dx: int, dy: int) -> None:
+    """Oracle: exact fractions. With slopes that are powers of two no number is rounded: entries are equal to the last bit, and
+    of the many corners each is passed along x first."""
+    assume(dx or dy)
+    expected = walked_exactly(Fraction(a, 16), Fraction(b, 16), Fraction(dx), Fraction(dy), 24)
+    ray = start_ray(a / 16, b / 16, float(dx), float(dy))
+    bound = start_ray(a / 16, b / 16, float(dx), float(dy))
+    last_row, last_col, _ = expected[-1]
+    for row, col, entered in expected:
+        assert (ray.row, ray.col, ray.entered) == (row, col, entered)
+        assert (bound.row, bound.col) == (row, col)
+        ray, bound = advance(ray), advance_to(bound, last_row, last_col)
 
 
 @given(*[st.floats(-20, 20)] * 4)

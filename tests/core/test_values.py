@@ -13,6 +13,7 @@ from robocar.core import (
     SE2,
     STOP,
     Context,
+    Detection,
     Drive,
     Footprint,
     GiveUp,
@@ -20,6 +21,7 @@ from robocar.core import (
     Observation,
     ParameterError,
     Path,
+    Reading,
     RobocarError,
     Robot,
     Scan,
@@ -88,11 +90,43 @@ def test_scans_are_checked_and_read_only() -> None:
 
 def test_laser_comes_first() -> None:
     """Oracle: the order that `Observation.scans` promises."""
-    sonars = tuple(Scan(0, [1.0], [0.0], 4.0, name=name) for name in "ab")
+    sonars = tuple(Scan(0, [1.0], [0.0], 4.0, 0.3, name=name) for name in "ab")
     laser = Scan(0, [1.0], [0.0], 4.0, name="laser")
     assert [scan.name for scan in Observation(0, sonars=sonars, lidar=laser).scans] == ["laser", "a", "b"]
     assert [scan.name for scan in Observation(0, sonars=sonars).scans] == ["a", "b"]
     assert Observation(0).scans == ()
+
+
+@pytest.mark.parametrize(
+    ("time", "readings", "error", "message"),
+    [
+        (math.nan, {}, ValueError, "an observation needs a finite time, not nan"),
+        (math.inf, {}, ValueError, "an observation needs a finite time, not inf"),
+        ("now", {}, TypeError, "real number"),
+        (0.0, {"gps": 3}, TypeError, "gps: expected a Reading, a Scan.*, not 3"),
+        (0.0, {"gps": [1.0, 2.0]}, TypeError, r"gps: expected a Reading, .* not \[1\.0, 2\.0\]"),
+        (0.0, {"landmarks": (1, 2)}, TypeError, r"landmarks: .*tuple of Detection or of lines, not \(1, 2\)"),
+        (0.0, {"serial": "OK"}, TypeError, "serial: .*, not 'OK'"),
+        (0.0, {"sonars": None}, TypeError, "sonars: expected a tuple of Scan, not None"),
+        (0.0, {"sonars": (None,)}, TypeError, r"sonars: expected a tuple of Scan, not \(None,\)"),
+        (0.0, {"gps": Reading(math.nan, 1.0)}, ValueError, "gps: a reading needs a finite time, not nan"),
+        (
+            0.0,
+            {"lidar": Scan(math.inf, np.ones(1), np.zeros(1), 2.0)},
+            ValueError,
+            "lidar: a reading needs a finite time, not inf",
+        ),
+        (0.0, {"landmarks": (Detection(math.nan, "a", 0.0, 1.0, np.eye(2)),)}, ValueError, "landmarks: a reading needs a finite"),
+    ],
+)
+def test_what_is_no_reading_is_no_observation(time, readings, error, message):
+    """By either way of giving it; what is fine stays fine."""
+    with pytest.raises(error, match=message):
+        Observation(time, **readings)
+    if "sonars" not in readings:
+        with pytest.raises(error, match=message):
+            Observation(time, readings)
+    assert Observation(0.0, gps=None, landmarks=(), serial=("OK", "")).serial == ("OK", "")
 
 
 def test_commands() -> None:

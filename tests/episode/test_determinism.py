@@ -40,16 +40,17 @@ class TestDeterminism:
         assert len(hashes) == 4
 
     def test_the_hash_is_sha256_over_time_qpos_qvel_and_ctrl_at_each_tick(self) -> None:
-        simulation = simulate(SHORT, seed=5)
+        world = simulate(SHORT, seed=5)
         digest = hashlib.sha256()
         for tick in range(60):
-            simulation.sense()
-            simulation.act(Drive(Twist(0.2, 0.3 * math.sin(tick))))
-            data = simulation.data
+            world.robot.sense()
+            world.robot.act(Drive(Twist(0.2, 0.3 * math.sin(tick))))
+            world.step()
+            data = world.data
             for part in (np.float64(data.time), data.qpos, data.qvel, data.ctrl):
                 digest.update(np.asarray(part, dtype=np.float64).tobytes())
-        assert simulation.hash == digest.hexdigest()
-        simulation.close()
+        assert world.hash == digest.hexdigest()
+        world.close()
 
     def test_a_run_does_not_touch_the_global_random_state(self) -> None:
         np.random.seed(1)  # noqa: NPY002
@@ -63,15 +64,16 @@ class TestDeterminism:
         """A parked car: what the sonars, the PSD and the accelerometer say is the same, noise and drop-outs included."""
 
         def readings(settings: dict[str, Any], seed: int = 7) -> np.ndarray:
-            simulation = simulate(SHORT, seed=seed, settings=settings)
+            world = simulate(SHORT, seed=seed, settings=settings)
             rows = []
             for _ in range(60):
-                seen: Observation = simulation.sense()
-                simulation.act(STOP)
+                seen: Observation = world.robot.sense()
+                world.robot.act(STOP)
+                world.step()
                 rows += [[scan.time, *scan.ranges] for scan in seen.sonars]
                 rows += [[r.time, r.value] for r in (seen.psd,) if r is not None]
                 rows += [[r.time, v] for r in (seen.acceleration,) if r is not None for v in r.value]
-            simulation.close()
+            world.close()
             return np.array(rows)
 
         plain = readings({})

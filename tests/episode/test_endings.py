@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from robocar.core import ScenarioError
-from robocar.episode.judge import Episode, Rules
+from robocar.episode.judge import Judge, Rules
 from robocar.episode.result import RunResult
 from robocar.episode.run import run
+from tests.episode.diary import Car
 from tests.episode.runs import PARTS, SHORT, short
 
 
@@ -109,7 +110,7 @@ class TestEndings:
 
 
 def test_rules_and_episode_are_plain_values() -> None:
-    episode = Episode(Rules(), None)
+    episode = Judge(Rules(), None, Car(), Car())
     assert not episode.done
     episode.end("timeout", "first")
     episode.end("stuck", "second")

@@ -13,6 +13,8 @@ import pytest
 import yaml
 
 from robocar.core import ParameterError, RobocarError, ScenarioError, UnknownNameError
+from robocar.episode.replay import replay
+from robocar.episode.result import RunResult
 from robocar.episode.run import run, simulate
 from robocar.formats import read_tum
 from robocar.recording import read_trajectory
@@ -31,6 +33,15 @@ FAULTS = {
     "word_scalar": "TypeError: the navigator's trace must hold numbers as scalars; 'what' is 'much'",
     "undrawable": "ValueError: cannot reshape",
 }
+
+
+def check_error(result: RunResult, reason: str) -> None:
+    """The run is an error for this reason, and its directory is complete."""
+    assert result.status == "error"
+    assert re.match(reason, result.reason)
+    assert result.directory is not None
+    assert strict((result.directory / "metrics.json").read_text())["status"] == "error"
+    assert result.reason.partition(":")[0] in (result.directory / "error.txt").read_text()
 
 
 class TestFaults:
@@ -54,14 +65,39 @@ class TestFaults:
             ("estimator_raises", "RuntimeError: lost"),
             ("estimator_nan", r"ValueError: a pose needs finite numbers, not \(nan, 0.0, 0.0\)"),
             ("estimator_none", "TypeError: the estimator must return a belief, not NoneType"),
+            (
+                "estimator_covariance",
+                r"ValueError: a belief's covariance are finite numbers of shape \(3, 3\), not shape \(2, 2\)",
+            ),
+            ("estimator_covariance_nan", "ValueError: a belief's covariance are finite numbers"),
+            ("estimator_particles", r"ValueError: a belief's particles are finite numbers of shape \(5, 4\), not shape \(5, 3\)"),
+            ("estimator_twist", "TypeError: a belief needs a pose, a twist and"),
+            ("estimator_odom", "TypeError: a belief needs a pose, a twist and"),
+            ("estimator_state", r"TypeError: the estimator must return a belief, not State; .* @declares\(maps=True\)"),
+            ("slam_frames", "TypeError: a state needs a belief, map_from_odom and odom_from_robot, not Belief, NoneType, SE2"),
+            ("slam_belief", "TypeError: a state needs a belief, map_from_odom and odom_from_robot, not NoneType, SE2, SE2"),
+            ("slam_no_map", r"TypeError: the state's map must have grid\(\), revision and complete; int has not"),
+            ("slam_raises", "RuntimeError: no paper"),
+            ("slam_text", "TypeError: a map's grid must be an occupancy grid or None, not str"),
         ],
     )
     def test_of_an_estimator(self, estimator: str, reason: str, tmp_path: Path) -> None:
         result = run(SHORT, navigator="broken_parts:still", estimator=f"broken_parts:{estimator}", out=tmp_path, record=False)
-        assert result.status == "error"
-        assert re.match(reason, result.reason)
-        assert result.directory is not None
+        check_error(result, reason)
         assert result.value("contacts") == 0
+
+    @pytest.mark.parametrize("record", [True, False])
+    @pytest.mark.parametrize(("mapper", "reason"), [("mapper_raises", "RuntimeError: no paper"), ("mapper_array", "")])
+    def test_of_a_map(self, mapper: str, reason: str, record: bool, tmp_path: Path) -> None:
+        parts = {"navigator": "broken_parts:still", "estimator": "odometry", "mapper": f"broken_parts:{mapper}"}
+        check_error(run(SHORT, **parts, out=tmp_path, record=record, settings={"time_limit": 0.5}), reason)
+
+    @pytest.mark.parametrize("estimator", ["estimator_raises", "estimator_covariance", "slam_raises", "slam_text"])
+    @pytest.mark.parametrize("record", [True, False])
+    def test_of_an_estimator_over_a_recording(self, estimator: str, record: bool, tmp_path: Path) -> None:
+        made = run(SHORT, **PARTS, out=tmp_path, settings={"time_limit": 0.5})
+        assert made.directory is not None
+        check_error(replay(made.directory, estimator=f"broken_parts:{estimator}", out=tmp_path, record=record), "")
 
     def test_of_a_factory_is_bad_input(self) -> None:
         with pytest.raises(ParameterError, match="broken_parts:factory_raises' cannot be built: OSError: no licence"):
@@ -79,9 +115,9 @@ class TestFaults:
             ({"settings": {"navigator": "x"}}, ScenarioError, "choose it with --navigator"),
             ({"settings": {"robot.lidr": "none"}}, ScenarioError, r"unknown key 'robot\.lidr' \(did you mean 'lidar'\?\)"),
             ({"settings": {"folder": "/"}}, ScenarioError, "unknown key 'folder'"),
-            ({"seed": -1}, ScenarioError, "whole number from 0 on, not -1"),
-            ({"seed": True}, ScenarioError, "whole number from 0 on, not True"),
-            ({"seed": 1.5}, ScenarioError, "whole number from 0 on, not 1.5"),
+            ({"seed": -1}, ScenarioError, "non-negative integer, not -1"),
+            ({"seed": True}, ScenarioError, "non-negative integer, not True"),
+            ({"seed": 1.5}, ScenarioError, "non-negative integer, not 1.5"),
         ],
     )
     def test_bad_arguments_leave_no_trace(self, keywords: Any, error: type[RobocarError], message: str, tmp_path: Path) -> None:

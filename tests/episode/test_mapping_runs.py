@@ -18,7 +18,7 @@ from robocar.formats import load_map
 from robocar.metrics.map import on_common_cells
 from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
-from robocar.sim.car import footprint
+from robocar.sim.robot_model import RobotModel
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def test_what_a_run_with_a_mapper_leaves(explored: RunResult) -> None:
     assert {f"map/{name}" for name in names} <= set(metrics)
     grid = load_map(explored.directory / "map.yaml")
     assert set(np.unique(grid.data)) == {-1, 0, 100}
-    truth = Scene.load(load_scenario("tilted"), footprint()).grid
+    truth = Scene.load(load_scenario("tilted"), RobotModel.load().footprint).grid
     common = on_common_cells(grid, truth)
     assert common is not None
     drawn, true = common

@@ -153,6 +153,19 @@ def test_a_run_whose_configuration_is_damaged(run_folder: Path, tmp_path: Path, 
         replay(folder)
 
 
+def test_a_recorded_configuration_runs_no_code(run_folder: Path, tmp_path: Path) -> None:
+    """An estimator by path is named where the replay is started."""
+    folder = tmp_path / "run"
+    shutil.copytree(run_folder, folder)
+    text = (folder / "config.yaml").read_text().replace("estimator: particle-filter", "estimator: broken_parts:at_goal")
+    (folder / "config.yaml").write_text(
+        text.replace("estimator.max_particles", "time").replace("estimator.min_particles", "limit")
+    )
+    with pytest.raises(ScenarioError, match="estimator is broken_parts:at_goal, and a recorded configuration runs no code"):
+        replay(folder)
+    assert replay(folder, estimator="broken_parts:at_goal").status == "success"
+
+
 def test_a_run_without_a_camera_cannot_feed_the_particle_filter(tmp_path: Path) -> None:
     result = robocar.run("thesis-field", navigator="a-star", settings={"time_limit": 1.0}, out=tmp_path)
     assert result.directory is not None

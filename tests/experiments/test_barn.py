@@ -17,10 +17,10 @@ from robocar.formats import BarnWorld, save_barn_world
 from robocar.scenario.load import load_scenario
 from robocar.scenario.model import Scenario
 from robocar.scenario.scene import Scene
-from robocar.sim.car import footprint
+from robocar.sim.robot_model import RobotModel
 
 POSTS = np.array([[1.0, 0.0, 0.20], [1.6, 0.9, 0.10], [-0.7, -0.6, 0.30], [0.2, 1.1, 0.15]])
-FEET = footprint()
+FEET = RobotModel.load().footprint
 
 
 @pytest.fixture(scope="module")
@@ -44,10 +44,10 @@ def circle_hit(x: float, y: float, bearing: float) -> float:
 
 def test_the_laser_sees_circles(scenario: Scenario) -> None:
     quiet = {"robot.sensors.lidar.range_std": 0.0, "robot.sensors.lidar.dropout": 0.0}
-    car = simulate(scenario, settings=quiet)
-    scan = car.sense().lidar
+    world = simulate(scenario, settings=quiet)
+    scan = world.robot.sense().lidar
     assert scan is not None
-    sensor = car.ground_truth().pose @ scan.robot_from_sensor
+    sensor = world.ground_truth().pose @ scan.robot_from_sensor
     expected = np.array([circle_hit(sensor.x, sensor.y, sensor.theta + b) for b in scan.bearings])
     # A beam that grazes a post may hit or miss by the car's tilt on its tyres.
     nudged = [np.array([circle_hit(sensor.x, sensor.y, sensor.theta + b + e) for b in scan.bearings]) for e in (-0.01, 0.01)]
@@ -57,7 +57,7 @@ def test_the_laser_sees_circles(scenario: Scenario) -> None:
     np.testing.assert_array_equal(np.isfinite(scan.ranges[sure]), np.isfinite(expected[sure]))
     seen = sure & np.isfinite(expected)
     np.testing.assert_allclose(scan.ranges[seen], expected[seen], atol=0.01)
-    car.close()
+    world.close()
 
 
 def test_clearance_is_that_of_circles(scenario: Scenario) -> None:
@@ -103,13 +103,14 @@ def test_a_collision_is_with_the_cylinder_itself(scenario: Scenario) -> None:
 
 
 def test_standing_among_cylinders_is_no_contact(scenario: Scenario) -> None:
-    car = simulate(scenario)
+    world = simulate(scenario)
     for _ in range(10):
-        car.sense()
-        car.act(STOP)
-    assert not car.ground_truth().contact
-    assert car.diverged() is None
-    car.close()
+        world.robot.sense()
+        world.robot.act(STOP)
+        world.step()
+    assert not world.ground_truth().contact
+    assert world.diverged() is None
+    world.close()
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from robocar.reporting.report import Report
 from robocar.reporting.run_many import run_many
 from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
-from robocar.sim.car import footprint
+from robocar.sim.robot_model import RobotModel
 
 LONG = pytest.mark.skipif(not os.environ.get("ROBOCAR_LONG_TESTS"), reason="takes minutes: set ROBOCAR_LONG_TESTS=1")
 
@@ -89,7 +89,7 @@ def test_worlds_to_replan_on(kind: str, tmp_path: Path) -> None:
     assert worlds[0]["start"] == worlds[1]["start"]
     assert worlds[0]["goal"] == worlds[1]["goal"]
     assert worlds[0]["start"] != worlds[2]["start"]
-    scene = Scene.load(load_scenario(worlds[0]), footprint())  # refuses a start that touches something
+    scene = Scene.load(load_scenario(worlds[0]), RobotModel.load().footprint)  # refuses a start that touches something
     room, _ = label(distance_transform_edt(~scene.grid.occupied) * scene.grid.resolution >= 0.35)
     start, goal = (room[tuple(scene.grid.cell_from_world(worlds[0][end][:2]))] for end in ("start", "goal"))
     assert start == goal > 0

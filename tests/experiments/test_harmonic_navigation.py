@@ -21,7 +21,7 @@ from robocar.planners.harmonic.planner import Harmonic
 from robocar.planners.search.a_star import AStar
 from robocar.scenario.load import load_scenario, scenario_names
 from robocar.scenario.scene import Scene
-from robocar.sim.car import footprint
+from robocar.sim.robot_model import RobotModel
 
 HARMONIC = ("harmonic", "harmonic-local")
 WITH_A_MAP = (*HARMONIC, "a-star")
@@ -73,10 +73,10 @@ def test_the_recording_shows_potential_streamline_and_path(tmp_path: Path) -> No
 def test_streamlines_keep_farther_from_walls_than_a_star(scenario: str) -> None:
     """A* on the inflated costs of the same prior map is the yardstick. Where its path is the middle of a lane already (the
     spiral: 0.325 m at most), a streamline that rounds the corners gives up less than 1 cm of the mean and wins the minimum."""
-    scene = Scene.load(load_scenario(scenario), footprint())
+    scene = Scene.load(load_scenario(scenario), RobotModel.load().footprint)
     if scene.prior is None or scene.goal is None:
         pytest.skip("there is no map, or no goal, to plan to before the run")
-    costmap = inflate(scene.prior, footprint().inscribed_radius, CostmapParameters())
+    costmap = inflate(scene.prior, RobotModel.load().footprint.inscribed_radius, CostmapParameters())
     ours, theirs = (
         path_clearance(planner.plan(costmap, scene.start.position, scene.goal.position).path.points, scene.prior)
         for planner in (Harmonic(), AStar())
@@ -88,10 +88,10 @@ def test_streamlines_keep_farther_from_walls_than_a_star(scenario: str) -> None:
 
 def test_bends_are_rounded_by_the_potential_and_not_by_the_grid() -> None:
     """Oracle: refinement. On the spiral, where A* has the larger mean, cells of a quarter of the side move it by 3 mm at most."""
-    scene = Scene.load(load_scenario("spiral"), footprint())
+    scene = Scene.load(load_scenario("spiral"), RobotModel.load().footprint)
     assert scene.prior is not None
     assert scene.goal is not None
-    costmap = inflate(scene.prior, footprint().inscribed_radius, CostmapParameters())
+    costmap = inflate(scene.prior, RobotModel.load().footprint.inscribed_radius, CostmapParameters())
     ends = scene.start.position, scene.goal.position
     coarse = path_clearance(Harmonic().plan(costmap, *ends).path.points, scene.prior)
     fine = path_clearance(on_finer_cells(costmap, *ends, 4), scene.prior)

@@ -8,7 +8,7 @@ import pytest
 from robocar.experiments.rrt_figures import WORLDS, smoothness, world
 from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
-from robocar.sim.car import footprint
+from robocar.sim.robot_model import RobotModel
 
 
 def test_smoothness_by_hand() -> None:
@@ -27,4 +27,4 @@ def test_its_worlds_are_valid_for_every_seed(kind: str) -> None:
 
 
 def _scene(kind: str, seed: int) -> Scene:
-    return Scene.load(load_scenario(world(kind, seed)), footprint())
+    return Scene.load(load_scenario(world(kind, seed)), RobotModel.load().footprint)

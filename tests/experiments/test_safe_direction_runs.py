@@ -17,8 +17,10 @@ from robocar.experiments.safe_direction_dynamic import CROSSINGS, FASTEST, world
 from robocar.experiments.safe_direction_figures import BEST, histogram, transform_path
 from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
-from robocar.sim.car import footprint
+from robocar.sim.robot_model import RobotModel
 from tests.experiments.test_experiments import written
+
+FOOTPRINT = RobotModel.load().footprint
 
 LONG = pytest.mark.skipif(not os.environ.get("ROBOCAR_LONG_TESTS"), reason="takes minutes: set ROBOCAR_LONG_TESTS=1")
 
@@ -58,11 +60,11 @@ def test_figure_5_has_its_best_direction_where_the_paper_has_it() -> None:
 @pytest.mark.parametrize("name", sorted(FIGURES))
 def test_the_worlds_can_be_driven(name: str, tmp_path: Path) -> None:
     """`Scene.load` refuses a start or a goal without room; the distance-transform path keeps the robot's radius to all walls."""
-    scene = Scene.load(load_scenario(FIGURES[name].scenario(name, tmp_path)), footprint())
+    scene = Scene.load(load_scenario(FIGURES[name].scenario(name, tmp_path)), FOOTPRINT)
     path = transform_path(FIGURES[name])
     assert len(path) > 10
     assert np.allclose(path[-1], scene.goal.position, atol=0.05)  # type: ignore[union-attr]
-    assert ClearanceField(scene.grid, scene.grid.occupied).points(path).min() >= footprint().circumscribed_radius - 1e-6
+    assert ClearanceField(scene.grid, scene.grid.occupied).points(path).min() >= FOOTPRINT.circumscribed_radius - 1e-6
 
 
 def test_distance_from_the_middle_line_by_hand() -> None:
@@ -78,7 +80,7 @@ def test_the_hall_of_movers(movers: int, tmp_path: Path) -> None:
     assert drawn != world(6, movers)
     assert len(drawn.movers) == movers <= len(CROSSINGS)
     assert max(mover["speed"] for mover in drawn.movers) <= FASTEST
-    scene = Scene.load(load_scenario(drawn.scenario("hall", tmp_path)), footprint())
+    scene = Scene.load(load_scenario(drawn.scenario("hall", tmp_path)), FOOTPRINT)
     assert len(scene.movers) == movers
 
 

@@ -14,13 +14,13 @@ from robocar.experiments import warehouse_dynamic
 from robocar.experiments.warehouse_dynamic import COUNTS, KEEP_OFF, dynamic_scenario
 from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
-from robocar.sim.car import footprint
+from robocar.sim.robot_model import RobotModel
 
 
 @pytest.mark.parametrize("count", COUNTS)
 def test_movers_are_as_the_report_says(count: int) -> None:
     scenario = load_scenario(dynamic_scenario(count, 3))
-    scene = Scene.load(scenario, footprint())  # checks that all ways are free
+    scene = Scene.load(scenario, RobotModel.load().footprint)  # checks that all ways are free
     assert len(scene.movers) == count
     kinds = [mover.motion for mover in scene.movers]
     assert max(kinds.count(kind) for kind in set(kinds)) - min(kinds.count(kind) for kind in set(kinds)) <= 1
@@ -42,26 +42,27 @@ def test_each_seed_has_its_own_movers(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_twenty_movers_keep_moving_and_keep_off_the_shelves() -> None:
     """A quarter of a minute without a car in their way; where two meet, one that walks at random goes elsewhere."""
     scenario = load_scenario(dynamic_scenario(20, 0))
-    scene = Scene.load(scenario, footprint())
-    car = simulate(scenario, seed=5)
+    scene = Scene.load(scenario, RobotModel.load().footprint)
+    world = simulate(scenario, seed=5)
     ways = {mover.name: 0.0 for mover in scene.movers}
     nearest = math.inf
-    before = car.ground_truth().movers
+    before = world.ground_truth().movers
     for tick in range(300):
-        car.sense()
-        car.act(STOP)
-        now = car.ground_truth().movers
+        world.robot.sense()
+        world.robot.act(STOP)
+        world.step()
+        now = world.ground_truth().movers
         for mover in scene.movers:
             ways[mover.name] += before[mover.name].distance_to(now[mover.name])
             if tick % 20 == 0:
                 nearest = min(nearest, scene.clearance(mover.outline(now[mover.name])) - mover.radius)
         before = now
-    assert car.diverged() is None
+    assert world.diverged() is None
     assert nearest > -0.01  # a push of another may press one a little into a shelf
     for mover in scene.movers:
         assert ways[mover.name] < mover.speed * 15.0 * 1.2 + 0.1
     assert np.median([ways[mover.name] / (mover.speed * 15.0) for mover in scene.movers]) > 0.4
-    car.close()
+    world.close()
 
 
 def test_equal_seeds_give_equal_runs_with_movers() -> None:

@@ -5,7 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from robocar.metrics.localization import after_convergence, convergence_time, nees, recovery_time, summarize_localization
+from robocar.metrics.localization import (
+    after_convergence,
+    converged_heading_rmse,
+    converged_nees,
+    converged_position_rmse,
+    convergence_time,
+    nees,
+    recovery_time,
+)
 
 TIME = np.arange(0.0, 20.0, 0.5)
 TRUTH = np.column_stack([TIME, np.zeros(40), np.full(40, 3.1)])
@@ -40,12 +48,12 @@ def test_ticks_before_convergence_and_while_lost_do_not_count() -> None:
     carried = TIME == 10.0
     known = after_convergence(TIME, TRUTH, estimate((0, 2), (10, 13)), carried)
     assert TIME[known].tolist() == [*np.arange(2.0, 10.0, 0.5), *np.arange(13.0, 20.0, 0.5)]
-    summary = summarize_localization(TIME, TRUTH, estimate((0, 2), (10, 13)), None, carried)
-    assert summary["localization/position_rmse"]["value"] == pytest.approx(math.hypot(0.05, 0.05))
-    assert summary["localization/heading_rmse"]["value"] == pytest.approx(0.1)
-    assert summary["localization/convergence_time"]["value"] == 2.0
-    assert summary["localization/recovery_time"]["value"] == 3.0
-    assert summary["localization/nees"]["value"] is None
+    drive = TIME, TRUTH, estimate((0, 2), (10, 13))
+    assert converged_position_rmse(*drive, carried) == pytest.approx(math.hypot(0.05, 0.05))
+    assert converged_heading_rmse(*drive, carried) == pytest.approx(0.1)
+    assert converged_nees(*drive, carried, np.tile(np.eye(3), (40, 1, 1))) == pytest.approx(2 * 0.05**2 + 0.1**2)
+    assert convergence_time(*drive) == 2.0
+    assert recovery_time(*drive, carried) == 3.0
 
 
 def test_the_nees_of_errors_drawn_from_the_covariance_is_3() -> None:
@@ -63,6 +71,8 @@ def test_what_is_missing_does_not_count() -> None:
     truth, guess = np.zeros((3, 3)), np.array([[1.0, 1.0, 0.5]] * 3)
     assert nees(truth, guess, covariances) == pytest.approx(2.25)
     assert nees(truth, guess, covariances[1:][:1].repeat(3, axis=0)) is None
-    empty = summarize_localization([], np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3, 3)))
-    assert all(metric["value"] is None for metric in empty.values())
+    nothing = np.empty(0), np.empty((0, 3)), np.empty((0, 3))
+    assert (convergence_time(*nothing), recovery_time(*nothing, None)) == (None, None)
+    assert (converged_position_rmse(*nothing), converged_heading_rmse(*nothing)) == (None, None)
+    assert converged_nees(*nothing, None, np.empty((0, 3, 3))) is None
     assert convergence_time(TIME, np.full_like(TRUTH, np.nan), estimate()) is None

@@ -13,8 +13,10 @@ from scipy import ndimage
 
 from robocar.core import SE2, Calibration, Footprint, Limits, OccupancyGrid, RangeSensor, Robot
 from robocar.core.rays import cast_rays
+from robocar.metrics import DrawnMap, Eye
 from robocar.metrics import map as map_metrics
-from robocar.metrics.map import Eye, enclosed, on_common_cells, reachable_cells, score, summarize_map, visible_cells
+from robocar.metrics.map import map_scores, on_common_cells, reachable_cells, score, visible_cells
+from robocar.scenario.scene import enclosed
 
 SIZE = 0.1
 
@@ -121,7 +123,7 @@ def test_maps_too_large_to_be_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     truth = grid(["..", "..", ".."])
     monkeypatch.setattr(map_metrics, "MAX_CELLS", 5)
     assert on_common_cells(truth, truth) is None
-    assert summarize_map(truth, truth, [[0.1, 0.1, 0.0]], 0.05, Eye(1.0), True) == {}
+    assert map_scores(DrawnMap(truth, truth, Eye(1.0), True), [[0.1, 0.1, 0.0]], Footprint.circle(0.05)) == {}
 
 
 def test_what_is_visible_in_a_room() -> None:
@@ -232,7 +234,8 @@ def test_the_summary_of_a_run() -> None:
     data[6, 3] = 100
     drawn = OccupancyGrid(data, SIZE, truth.origin)
     poses = np.stack([np.linspace(0.05, 0.45, 9), np.full(9, 0.55), np.zeros(9)], axis=1)
-    values: dict = {name: value for name, (value, _) in summarize_map(drawn, truth, poses, 0.04, Eye(5.0), True).items()}
+    car, eye = Footprint.circle(0.04), Eye(5.0)
+    values: dict = map_scores(DrawnMap(drawn, truth, eye, explored=True), poses, car)
     assert values["map/path_blocked"] == 1
     assert values["map/known_area"] == pytest.approx((10 * 8 - 8) * SIZE**2)
     free = np.count_nonzero(truth.free)
@@ -241,9 +244,9 @@ def test_the_summary_of_a_run() -> None:
     assert values["map/around_unknown"] < values["map/reachable_unknown"]
     assert values["map/recall"] == 1.0
     assert values["map/precision"] < 1.0
-    alone = summarize_map(drawn, truth, poses, 0.04, Eye(5.0), False)
+    alone = map_scores(DrawnMap(drawn, truth, eye), poses, car)
     assert not [name for name in alone if "reachable" in name]
-    assert not summarize_map(drawn, truth, np.empty((0, 3)), 0.04, Eye(5.0), False)["map/unknown"][0]
+    assert map_scores(DrawnMap(drawn, truth, eye), np.empty((0, 3)), car)["map/unknown"] is None
 
 
 def test_the_wall_around() -> None:

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from robocar import run
 from robocar.core import SE2, Footprint, Twist
 from robocar.core.distance import polygon_distance
-from robocar.metrics.movers import HORIZON, Shape, Track, distance, summarize_movers, time_to_collision
+from robocar.metrics import Shape, Track
+from robocar.metrics.movers import HORIZON, closest_approach, distance, min_time_to_collision, time_to_collision
 
 CAR = Footprint.rectangle(0.10, 0.10, 0.09)
 BOX = Shape(np.array([[0.2, 0.15], [-0.2, 0.15], [-0.2, -0.15], [0.2, -0.15]]))
@@ -104,16 +105,15 @@ def test_rows_that_are_not_finite_do_not_count() -> None:
     times = time_to_collision(CAR, car, np.zeros((3, 2)), track)
     np.testing.assert_allclose(times, [6.5, math.nan, math.inf], atol=2e-3)
     np.testing.assert_allclose(distance(CAR, car, track), [0.65, math.nan, 1.65])
-    summary = summarize_movers(CAR, car, np.zeros((3, 2)), {"a": track, "b": Track(BOX, [[-0.8, 0, 0]] * 3, [[0, 0, 0]] * 3)})
-    assert summary["movers/min_time_to_collision"]["value"] == pytest.approx(6.5, abs=2e-3)
-    assert summary["movers/closest_approach"]["value"] == pytest.approx(0.5)
-    assert [summary[name]["unit"] for name in sorted(summary)] == ["m", "s"]
+    tracks = {"a": track, "b": Track(BOX, [[-0.8, 0, 0]] * 3, [[0, 0, 0]] * 3)}
+    assert min_time_to_collision(CAR, car, np.zeros((3, 2)), tracks) == pytest.approx(6.5, abs=2e-3)
+    assert closest_approach(CAR, car, tracks) == pytest.approx(0.5)
 
 
 def test_without_ticks_there_is_no_value() -> None:
     empty = Track(POST, np.empty((0, 3)), np.empty((0, 3)))
-    summary = summarize_movers(CAR, np.empty((0, 3)), np.empty((0, 2)), {"a": empty})
-    assert [metric["value"] for metric in summary.values()] == [None, None]
+    assert min_time_to_collision(CAR, np.empty((0, 3)), np.empty((0, 2)), {"a": empty}) is None
+    assert closest_approach(CAR, np.empty((0, 3)), {"a": empty}) is None
 
 
 def test_a_run_with_a_cart_that_comes_towards_the_standing_car() -> None:

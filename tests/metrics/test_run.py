@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robocar.core import SE2, Footprint, Goal, OccupancyGrid
+from robocar.metrics import RunLog, summarize
 from robocar.metrics import run as metrics
-from robocar.metrics.run import RunLog, summarize
 
 ALWAYS = {  # design, section 9
     "duration",
@@ -147,11 +147,12 @@ def test_clearance() -> None:
 )
 def test_contacts(contact: str, standing: str, expected: tuple[int, int]) -> None:
     """Oracle: episodes counted by eye."""
-    assert metrics.contacts([c == "1" for c in contact], [c == "1" for c in standing]) == expected
+    touched, stood = [c == "1" for c in contact], [c == "1" for c in standing]
+    assert (metrics.contacts(touched, stood), metrics.contacts_standing(touched, stood)) == expected
 
 
 def test_contacts_of_no_ticks() -> None:
-    assert metrics.contacts([], []) == (None, None)
+    assert (metrics.contacts([], []), metrics.contacts_standing([], [])) == (None, None)
 
 
 def test_plan_time() -> None:
@@ -221,14 +222,14 @@ def test_angle_over_length() -> None:
 def test_jerk_of_quadratic_speed(steps: list[float], a: float, b: float, c: float) -> None:
     """Oracle: the second derivative of a + b t + c t^2 is 2 c, at any ticks."""
     t = np.cumsum(steps)
-    assert metrics.jerk_rms(t, a + b * t + c * t**2) == pytest.approx(abs(2 * c), abs=1e-6)
+    assert metrics.jerk_rms(t, np.column_stack([a + b * t + c * t**2, 3 * t])) == pytest.approx(abs(2 * c), abs=1e-6)
 
 
 def test_jerk_of_a_sine() -> None:
     """Oracle: v = sin(w t): the jerk's RMS is w^2 / sqrt(2)."""
     t = np.linspace(0, 10 * math.tau, 20001)
-    assert metrics.jerk_rms(t, np.sin(1.5 * t)) == pytest.approx(1.5**2 / math.sqrt(2), rel=1e-3)
-    assert metrics.jerk_rms([0, 1], [0, 1]) is None
+    assert metrics.jerk_rms(t, np.column_stack([np.sin(1.5 * t), t])) == pytest.approx(1.5**2 / math.sqrt(2), rel=1e-3)
+    assert metrics.jerk_rms([0, 1], [[0, 0], [1, 0]]) is None
     assert metrics.jerk_rms([], []) is None
 
 
@@ -254,7 +255,7 @@ def run_log(n: int, **changes: object) -> RunLog:
         "contact": np.zeros(n, dtype=bool),
         "standing": np.zeros(n, dtype=bool),
         "plan_time": np.where(np.arange(n) % 2 == 0, 0.002, np.nan),
-        "replans": 4,
+        "work": {"replans": 4, "expansions": 800},
         "status": "success",
         "grid": wall_map(),
         "footprint": Footprint.circle(0.15),

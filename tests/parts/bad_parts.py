@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from robocar.core import STOP, Context, Drive, Twist
 
 
@@ -21,10 +19,7 @@ class _Standing:
     def __init__(self, act: Any) -> None:
         self._act, self._tick = act, 0
 
-    def reset(self, rng: np.random.Generator) -> None:
-        self._tick = 0
-
-    def command(self, belief: Any, mapper: Any, observation: Any, goal: Any) -> Any:
+    def command(self, state: Any, observation: Any, goal: Any) -> Any:
         self._tick += 1
         if self._tick == 10:
             self._act()
@@ -87,10 +82,7 @@ class _Knee:
     def __init__(self, after: int) -> None:
         self._after, self._tick = after, -1
 
-    def reset(self, rng: np.random.Generator) -> None:
-        self._tick = -1
-
-    def command(self, belief: Any, mapper: Any, observation: Any, goal: Any) -> Any:
+    def command(self, state: Any, observation: Any, goal: Any) -> Any:
         self._tick += 1
         return Drive(Twist(0.2, 0.5 if self._tick >= self._after else 0.0))
 

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from robocar.core import SE2, STOP, Belief, Context, Done, Drive, GiveUp, Points, Scalar, Serial, Twist
+from robocar.core import SE2, STOP, Belief, Context, Done, Drive, GiveUp, Points, Scalar, Serial, State, Twist
+from robocar.core.capabilities import declares
 
 BEFORE = 5  # ticks that go well
 
@@ -25,10 +26,7 @@ class Scripted:
     def __init__(self, answer: Callable[[int], Any]) -> None:
         self._answer, self._tick = answer, -1
 
-    def reset(self, rng: np.random.Generator) -> None:
-        self._tick = -1
-
-    def command(self, belief: Any, mapper: Any, observation: Any, goal: Any) -> Any:
+    def command(self, state: Any, observation: Any, goal: Any) -> Any:
         self._tick += 1
         return self._answer(self._tick)
 
@@ -76,9 +74,6 @@ class Estimator:
     def __init__(self, answer: Callable[[int], Any]) -> None:
         self._answer, self._tick = answer, -1
 
-    def reset(self, rng: np.random.Generator) -> None:
-        self._tick = -1
-
     def update(self, observation: Any, command: Any) -> Any:
         self._tick += 1
         return self._answer(self._tick)
@@ -91,6 +86,45 @@ def _estimates(make: Callable[[], Any]) -> Callable[[Context], Estimator]:
 estimator_raises = _estimates(lambda: _raise(RuntimeError("lost")))
 estimator_nan = _estimates(lambda: Belief(SE2(math.nan, 0.0, 0.0)))
 estimator_none = _estimates(lambda: None)
+estimator_covariance = _estimates(lambda: Belief(SE2(), covariance=np.eye(2)))
+estimator_covariance_nan = _estimates(lambda: Belief(SE2(), covariance=np.full((3, 3), math.nan)))
+estimator_particles = _estimates(lambda: Belief(SE2(), particles=np.zeros((5, 3))))
+estimator_twist = _estimates(lambda: Belief(SE2(), twist=(0.1, 0.0)))  # type: ignore[arg-type]
+estimator_odom = _estimates(lambda: Belief(SE2(), odom_from_robot=(0.0, 0.0, 0.0)))  # type: ignore[arg-type]
+estimator_state = _estimates(lambda: State.of(Belief(SE2())))
+
+
+def _slam(make: Callable[[], Any]) -> Callable[[Context], Estimator]:
+    return declares(maps=True)(lambda context: Estimator(lambda tick: State.of(Belief(SE2())) if tick < BEFORE else make()))
+
+
+class BrokenMap:
+    """A map, and a mapper, whose grid is not to be had."""
+
+    revision, complete = 0, False
+
+    def __init__(self, answer: Callable[[], Any]) -> None:
+        self._answer = answer
+
+    def update(self, belief: Any, observation: Any) -> None: ...
+
+    def grid(self) -> Any:
+        return self._answer()
+
+
+slam_frames = _slam(lambda: State(Belief(SE2()), None, SE2()))  # type: ignore[arg-type]
+slam_belief = _slam(lambda: State(None, SE2(), SE2()))  # type: ignore[arg-type]
+slam_no_map = _slam(lambda: State.of(Belief(SE2()), 42))  # type: ignore[arg-type]
+slam_raises = _slam(lambda: State.of(Belief(SE2()), BrokenMap(lambda: _raise(RuntimeError("no paper")))))
+slam_text = _slam(lambda: State.of(Belief(SE2()), BrokenMap(lambda: "a map")))
+
+
+def mapper_raises(context: Context) -> BrokenMap:
+    return BrokenMap(lambda: _raise(RuntimeError("no paper")))
+
+
+def mapper_array(context: Context) -> BrokenMap:
+    return BrokenMap(lambda: np.zeros((3, 3)))
 
 
 def at_goal(context: Context) -> Estimator:

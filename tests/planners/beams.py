@@ -8,7 +8,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robocar.core import SE2, Array, Belief, Drive, GiveUp, Goal, Observation, OccupancyGrid, RangeSensor, Robot, Scan, Twist
+from robocar.core import (
+    SE2,
+    Array,
+    Belief,
+    Drive,
+    GiveUp,
+    Goal,
+    Observation,
+    OccupancyGrid,
+    RangeSensor,
+    Robot,
+    Scan,
+    State,
+    Twist,
+)
 from robocar.core.rays import cast_rays
 from tests.planners import kinematic
 from tests.planners.kinematic import car, touches
@@ -94,7 +108,7 @@ def drive(
         time = tick * PERIOD
         result.poses.append(pose)
         scan = scan_of(robot, world, pose, time, movers, rng)
-        command = navigator.command(Belief(pose), None, Observation(time, lidar=scan), goal)
+        command = navigator.command(State.of(Belief(pose)), Observation(time, lidar=scan), goal)
         if command.trace:
             result.traces.append(command.trace)
         if isinstance(command, GiveUp):

@@ -21,9 +21,11 @@ from robocar.core import (
     RangeSensor,
     Robot,
     Scan,
+    State,
     Twist,
 )
 from robocar.core.rays import cast_rays
+from robocar.core.work import Work
 from robocar.planners.geometry.collision import footprint_free
 
 DT = 0.05
@@ -70,6 +72,7 @@ class Drives:
     poses: list[SE2] = field(default_factory=list)
     twists: list[Twist] = field(default_factory=list)
     traces: list = field(default_factory=list)
+    work: list[Work] = field(default_factory=list)
     reason: str = ""
 
     @property
@@ -91,9 +94,11 @@ def drive(navigator, robot: Robot, world: OccupancyGrid, start: SE2, goal: Goal,
     pose, result = start, Drives("timeout")
     for tick in range(ticks):
         result.poses.append(pose)
-        command = navigator.command(Belief(pose), None, sense(robot, world, pose, tick * DT), goal)
+        command = navigator.command(State.of(Belief(pose)), sense(robot, world, pose, tick * DT), goal)
         if command.trace:
             result.traces.append(command.trace)
+        if command.work:
+            result.work.append(command.work)
         if isinstance(command, GiveUp):
             result.status, result.reason = command.status, command.reason
             return result

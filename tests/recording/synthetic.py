@@ -21,6 +21,7 @@ from robocar.core import (
     Reading,
     Robot,
     Scan,
+    State,
     Twist,
     WheelAngles,
 )
@@ -65,17 +66,16 @@ def scenery(**changes) -> Scenery:
 
 
 class GrowingMap:
-    """A mapper that knows every tick one column more of the room."""
+    """A map that shows every tick one column more of the room."""
+
+    revision, complete = 0, False
 
     def __init__(self) -> None:
         self.asked = 0
         self.known = 1
         self._room = room()
 
-    def reset(self, rng) -> None:
-        pass
-
-    def update(self, belief, observation) -> None:
+    def update(self) -> None:
         self.known = min(self.known + 1, 45)
 
     def grid(self) -> OccupancyGrid:
@@ -139,6 +139,6 @@ def record(recorder, run: list[Tick], mapper=None) -> GrowingMap:
     """Log the run; the caller closes."""
     mapper = mapper or GrowingMap()
     for tick in run:
-        mapper.update(tick.belief, tick.observation)
-        recorder.log(tick.observation, tick.belief, mapper, tick.command, tick.truth, odometry=tick.odometry)
+        mapper.update()
+        recorder.log(tick.observation, State.of(tick.belief, mapper), tick.command, tick.truth, odometry=tick.odometry)
     return mapper

@@ -24,6 +24,7 @@ from robocar.core import (
     OutputError,
     Scan,
     Serial,
+    State,
 )
 from robocar.core.trace import Field, Lines, Scalar, Text
 from robocar.core.truth import GroundTruth
@@ -178,7 +179,7 @@ def test_a_trace_that_changes_at_every_tick_is_thinned_and_its_last_state_kept(t
         lines = Lines((np.array([[0.0, 0.0], [1.0, float(k)]]),))
         big = Field(room())
         command = Hold(trace={"candidates": lines, "field": big})
-        recorder.log(tick.observation, tick.belief, GrowingMap(), command, tick.truth)
+        recorder.log(tick.observation, State.of(tick.belief, GrowingMap()), command, tick.truth)
     recorder.close()
     rows = [row for _, row in sorted(contents(tmp_path / "run.rrd", "world/plan/candidates"), key=lambda r: r[0])]
     assert 20 <= len(rows) <= 26  # five per second for five seconds, and the last
@@ -200,9 +201,9 @@ def test_sonar_cones_reach_as_far_as_was_heard(recorded):
 def test_serial_lines_and_endings_are_in_the_log(tmp_path):
     recorder = RerunRecorder(tmp_path / "run.rrd", run_id="serial", scenery=Scenery())
     contact = GroundTruth(0.1, SE2(), contact=True)
-    recorder.log(Observation(0.0), Belief(SE2()), GrowingMap(), Serial("M2"), None)
-    recorder.log(Observation(0.1, serial=("OK", "ERR what")), Belief(SE2()), GrowingMap(), Hold(), contact)
-    recorder.log(Observation(0.2), Belief(SE2()), GrowingMap(), GiveUp("walled in", "stuck"), contact)
+    recorder.log(Observation(0.0), State.of(Belief(SE2()), GrowingMap()), Serial("M2"), None)
+    recorder.log(Observation(0.1, serial=("OK", "ERR what")), State.of(Belief(SE2()), GrowingMap()), Hold(), contact)
+    recorder.log(Observation(0.2), State.of(Belief(SE2()), GrowingMap()), GiveUp("walled in", "stuck"), contact)
     recorder.close()
     serial = [row["TextLog:text"][0] for _, row in contents(tmp_path / "run.rrd", "log/serial")]
     status = [row["TextLog:text"][0] for _, row in contents(tmp_path / "run.rrd", "log/status")]
@@ -267,7 +268,7 @@ def test_images_particles_lasers_and_detections_are_drawn(tmp_path):
     particles = np.column_stack([rng.normal(size=(1000, 3)), np.full(1000, 1e-3)])
     recorder = RerunRecorder(tmp_path / "run.rrd", run_id="rich", scenery=scenery())
     observation = Observation(0.0, lidar=lidar, image=image, top_image=image, landmarks=seen)
-    recorder.log(observation, Belief(SE2(), particles=particles), GrowingMap(), Hold(), None)
+    recorder.log(observation, State.of(Belief(SE2(), particles=particles), GrowingMap()), Hold(), None)
     recorder.close()
     path = tmp_path / "run.rrd"
     assert len(next(r for t, r in contents(path, "world/estimate/particles") if t == 0)["Arrows3D:origins"]) == 200
@@ -284,7 +285,7 @@ def test_names_of_traces_and_movers_may_hold_any_sign(tmp_path):
     recorder = RerunRecorder(tmp_path / "run.rrd", run_id="names", scenery=Scenery(robot=car()))
     trace = {"A* search/open list": Lines((np.zeros((2, 2)),)), "f(n)": Scalar(1.5), "clearance": Scalar(2.5), "why": Text("so")}
     truth = GroundTruth(0.0, SE2(), clearance=9.0, movers={"cart no. 1/2": SE2(1.0)})
-    recorder.log(Observation(0.0), Belief(SE2(), trace=trace), GrowingMap(), Hold(), truth)
+    recorder.log(Observation(0.0), State.of(Belief(SE2(), trace=trace), GrowingMap()), Hold(), truth)
     recorder.close()
     entities = {chunk.entity_path for chunk in RrdReader(str(tmp_path / "run.rrd")).stream()}
     assert {r"/world/plan/A\*\ search/open\ list", r"/world/movers/cart\ no.\ 1\/2"} <= entities

@@ -66,9 +66,9 @@ def test_a_report_says_where_it_is(call, tmp_path: Path) -> None:
     ("words", "message"),
     [
         ("sweep quik", "unknown suite 'quik' (did you mean 'quick'?)"),
-        ("sweep quick --jobs 0", "--jobs takes a number from 1 on"),
+        ("sweep quick --jobs 0", "--jobs takes a positive integer"),
         ("sweep quick --navigator a-stir", "unknown navigator 'a-stir' (did you mean 'a-star'?)"),
-        ("sweep quick --seed -1", "a seed must be a whole number from 0 on"),
+        ("sweep quick --seed -1", "a seed must be a non-negative integer"),
         ("results nowhere", "nowhere: no such file or folder"),
         ("compare base nowhere", "nowhere: no such file or folder"),
         ("report nowhere", "nowhere: no such folder"),

@@ -73,7 +73,7 @@ def test_a_changed_behaviour_is_found_and_its_recording_kept(project: pytest.Pyt
     session(project, "--robocar-update", "--robocar-recordings=none")
     assert not (project.path / "robocar-recordings").exists()
     path = project.path / "test_it.py"
-    path.write_text(path.read_text().replace("seed=3))", 'seed=3, settings={"navigator.desired_linear_vel": 0.1}))'))
+    path.write_text(path.read_text().replace("seed=3))", 'seed=3, settings={"navigator.controller.desired_linear_vel": 0.1}))'))
     (base,) = (project.path / "robocar-baselines").iterdir()
     # With settings the run has another name; its baseline is the old one's.
     result, out = session(project)
@@ -82,7 +82,9 @@ def test_a_changed_behaviour_is_found_and_its_recording_kept(project: pytest.Pyt
         line.split("/")[1].split(".json")[0] for line in out.splitlines() if "no baseline" in line and "robocar-base" in line
     ][:1]
     text = (
-        base.read_text().replace('"settings": {}', '"settings": {"navigator.desired_linear_vel": 0.1}').replace(base.stem, name)
+        base.read_text()
+        .replace('"settings": {}', '"settings": {"navigator.controller.desired_linear_vel": 0.1}')
+        .replace(base.stem, name)
     )
     base.with_name(f"{name}.json").write_text(text)
     result, out = session(project)

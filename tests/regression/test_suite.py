@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 
 from robocar.core import ScenarioError
 from robocar.episode.run import run
-from robocar.regression.judgement import TOLERANCES, Tolerance
+from robocar.metrics import Tolerance
+from robocar.regression.judgement import tolerances
 from robocar.regression.suite import find_suite, load_suite, suite_names
 
 GOOD: dict[str, Any] = {"name": "good", "runs": [{"scenarios": ["u-trap"]}]}
@@ -155,10 +156,10 @@ def test_tolerances_change_only_what_the_suite_says() -> None:
     suite = load_suite(
         GOOD | {"tolerances": {"duration": {"relative": 0.5}, "plan_time_mean": {"better": "lower", "relative": 1.0}}}
     )
-    assert suite.tolerances["duration"] == Tolerance("lower", TOLERANCES["duration"].absolute, 0.5)
+    assert suite.tolerances["duration"] == Tolerance("lower", tolerances()["duration"].absolute, 0.5)
     assert suite.tolerances["plan_time_mean"] == Tolerance("lower", 0.0, 1.0)
     assert {k: v for k, v in suite.tolerances.items() if k not in ("duration", "plan_time_mean")} == {
-        k: v for k, v in TOLERANCES.items() if k not in ("duration", "plan_time_mean")
+        k: v for k, v in tolerances().items() if k not in ("duration", "plan_time_mean")
     }
 
 

@@ -74,7 +74,7 @@ def drive(task: DrivingTask, seed: int, actions: np.ndarray) -> tuple[list[dict]
         outcome = task.step(action)
         seen.append(outcome.observation)
         rewards.append(outcome.reward)
-    return seen, rewards, task.simulation.hash
+    return seen, rewards, task.world.hash
 
 
 def test_same_seed_same_trajectory_and_it_is_the_simulations() -> None:
@@ -84,13 +84,14 @@ def test_same_seed_same_trajectory_and_it_is_the_simulations() -> None:
     assert first[1:] == again[1:]
     assert all(np.array_equal(a[name], b[name]) for a, b in zip(first[0], again[0], strict=True) for name in a)
     assert first[2] != other[2]
-    simulation = simulate(ROOM, seed=5)
+    world = simulate(ROOM, seed=5)
     low, high = task.low.astype(float), task.high.astype(float)
     for action in actions:
-        simulation.sense()
-        simulation.act(Drive(Twist(*np.clip(action, low, high))))
-    assert simulation.hash == first[2]
-    simulation.close()
+        world.robot.sense()
+        world.robot.act(Drive(Twist(*np.clip(action, low, high))))
+        world.step()
+    assert world.hash == first[2]
+    world.close()
     task.close()
 
 
@@ -100,14 +101,14 @@ def test_the_reward_is_its_formula() -> None:
     for distance in ("geodesic", "straight"):
         task = DrivingTask(ROOM, reward=Reward(2.0, 5.0, 0.1, 7.0, distance), pose="truth")  # type: ignore[arg-type]
         task.reset(0)
-        start, total, steps = task.simulation.ground_truth().pose.x, 0.0, 0
+        start, total, steps = task.world.ground_truth().pose.x, 0.0, 0
         for _ in range(80):
             outcome = task.step(FORWARD)
             total, steps = total + outcome.reward, steps + 1
             if outcome.terminated:
                 break
         assert (outcome.terminated, outcome.truncated, outcome.reason) == (True, False, "success")
-        way = task.simulation.ground_truth().pose.x - start
+        way = task.world.ground_truth().pose.x - start
         expected = weights.progress * way - weights.time * steps * task.period + weights.success
         assert total == pytest.approx(expected, abs=0.02)
         task.close()
@@ -129,7 +130,7 @@ def test_contact_costs_and_ends_where_the_scenario_says_so(on_contact: str, term
 def test_what_is_observed_is_what_the_sensors_say() -> None:
     task = DrivingTask(ROOM)
     seen = task.reset(0)
-    robot = task.simulation.robot
+    robot = task.world.robot.robot
     assert robot.lidar is not None
     assert {name: value.shape for name, value in seen.items()} == {
         "goal": (3,), "speed": (2,), "sonars": (len(robot.sonars),), "lidar": (len(robot.lidar.bearings),),

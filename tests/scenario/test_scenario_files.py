@@ -19,9 +19,9 @@ from robocar.paths import MODELS
 from robocar.scenario.load import load_scenario
 from robocar.scenario.model import Scenario
 from robocar.scenario.scene import Scene
-from robocar.sim.car import footprint
+from robocar.sim.robot_model import RobotModel
 
-FEET = footprint()
+FEET = RobotModel.load().footprint
 TRAP: dict[str, Any] = {"map": "maps/u_trap.yaml", "start": [0.8, 3.0, 0], "goal": [5.2, 3.0]}
 CART: dict[str, Any] = {"name": "cart", "cylinder": [0.2, 0.5], "waypoints": [[1, 1], [5, 1]]}
 

@@ -23,12 +23,12 @@ from robocar.formats import load_map, save_ros_map
 from robocar.paths import MODELS
 from robocar.scenario.load import load_scenario, scenario_names
 from robocar.scenario.scene import Scene
-from robocar.sim.car import footprint
+from robocar.sim.robot_model import RobotModel
 
 SCENARIOS = scenario_names()
 MAPS = sorted(file.stem for file in (MODELS / "maps").glob("*.yaml"))
 ASKED_FOR = {"thesis-field", "thesis-rooms", "corridors", "u-trap", "spiral", "cluttered"}
-FEET = footprint()
+FEET = RobotModel.load().footprint
 NARROW = {"narrow-gap", "doors"}  # scenarios about passages below 0.45 m, or at it
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from robocar.core import SE2, Drive, Hold, Serial, Twist
 from robocar.core.solids import Box
-from robocar.sim.car import FitOut
-from robocar.sim.simulation import PhysicsParameters
+from robocar.sim.fit_out import FitOut
+from robocar.sim.physics import PhysicsParameters
 from tests.sim.firmware_bench import LIMITS
 from tests.sim.rooms import IDENTICAL_CARS, drive, execute, room
 
@@ -31,38 +31,40 @@ def test_commands_in_physics_beat_the_thesis(seed: int, line: str, distance: flo
 
 
 def test_a_square_of_commands_comes_back() -> None:
-    simulation = room(seed=4)
-    start = simulation.ground_truth().pose
+    world = room(seed=4)
+    start = world.ground_truth().pose
     for _ in range(4):
-        assert execute(simulation, "M2")[0] == ["OK", "DONE"]
-        assert execute(simulation, "Kr90")[0] == ["OK", "DONE"]
-    end = start.inverse() @ simulation.ground_truth().pose
+        assert execute(world, "M2")[0] == ["OK", "DONE"]
+        assert execute(world, "Kr90")[0] == ["OK", "DONE"]
+    end = start.inverse() @ world.ground_truth().pose
     assert math.hypot(end.x, end.y) < 0.03
     assert abs(math.degrees(end.theta)) < 3.0
 
 
 def test_a_wall_ahead_blocks_although_the_wheels_slip() -> None:
     """What stands 20 cm ahead of the bumper: 'blocked' after these 20 cm, and no 'DONE'."""
-    simulation = room(solids=[Box((0.2, 2.0, 0.3), SE2(4.40, 4.0))])
-    answers, moved = execute(simulation, "M3")
+    world = room(solids=[Box((0.2, 2.0, 0.3), SE2(4.40, 4.0))])
+    answers, moved = execute(world, "M3")
     assert answers[0] == "OK"
     assert answers[1].startswith("ERR blocked after 0.")
     assert float(answers[1].split()[3]) == pytest.approx(0.20, abs=0.02)
     assert moved.x == pytest.approx(0.20, abs=0.01)
-    assert execute(simulation, "B")[0] == ["OK", "DONE"]
+    assert execute(world, "B")[0] == ["OK", "DONE"]
 
 
 def test_stop_during_execution_in_physics() -> None:
-    simulation = room()
-    simulation.sense()
-    simulation.act(Serial("M9"))
-    drive(simulation, Hold(), 1.0)
-    simulation.act(Serial("S"))
-    drive(simulation, Hold(), 1.0)
-    assert not simulation.busy
-    here = simulation.ground_truth().pose
-    drive(simulation, Hold(), 1.0)
-    assert here.distance_to(simulation.ground_truth().pose) < 1e-3
+    world = room()
+    world.robot.sense()
+    world.robot.act(Serial("M9"))
+    world.step()
+    drive(world, Hold(), 1.0)
+    world.robot.act(Serial("S"))
+    world.step()
+    drive(world, Hold(), 1.0)
+    assert not world.robot.busy
+    here = world.ground_truth().pose
+    drive(world, Hold(), 1.0)
+    assert here.distance_to(world.ground_truth().pose) < 1e-3
 
 
 def test_a_compass_repairs_the_heading_of_a_badly_built_car() -> None:
@@ -71,9 +73,9 @@ def test_a_compass_repairs_the_heading_of_a_badly_built_car() -> None:
     for seed in range(5):
         for compass in errors:
             built = PhysicsParameters(wheel_radius_std=0.02)
-            simulation = room(seed=seed, fit_out=FitOut(compass=compass), physics=built)
-            drive(simulation, Hold(), 0.5)
-            answers, moved = execute(simulation, "M5")
+            world = room(seed=seed, fit_out=FitOut(compass=compass), physics=built)
+            drive(world, Hold(), 0.5)
+            answers, moved = execute(world, "M5")
             assert answers[-1] == "DONE"
             errors[compass].append(math.degrees(moved.theta))
     without, with_compass = (float(np.sqrt(np.mean(np.square(errors[key])))) for key in (False, True))
@@ -84,11 +86,12 @@ def test_a_compass_repairs_the_heading_of_a_badly_built_car() -> None:
 
 def test_acceleration_in_physics_keeps_its_limit() -> None:
     """The true speed's slope over a fifth of a second."""
-    simulation = room(physics=IDENTICAL_CARS)
+    world = room(physics=IDENTICAL_CARS)
     speeds = []
     for _ in range(40):
-        simulation.act(Drive(Twist(0.4, 0.0)))
-        speeds.append(simulation.ground_truth().twist.v)
+        world.robot.act(Drive(Twist(0.4, 0.0)))
+        world.step()
+        speeds.append(world.ground_truth().twist.v)
     slopes = [(b - a) / 0.2 for a, b in pairwise(speeds[::4])]
     assert max(slopes) == pytest.approx(LIMITS.acc_lim_x, rel=0.15)
     assert speeds[-1] == pytest.approx(0.4, rel=0.05)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from robocar.core import SE2, OccupancyGrid, ScenarioError
 from robocar.core.distance import polygon_distance
 from robocar.sim.movers import Mover, MovingObstacle
-from robocar.sim.world import SOLID_BIT, build_world
+from robocar.sim.world_spec import SOLID_BIT, build_world
 
 FLOOR = OccupancyGrid(np.zeros((20, 20)), 1.0)
 

@@ -17,9 +17,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robocar.core import SE2, OccupancyGrid
+from robocar.sim.robot_handle import RobotSetup
 from robocar.sim.serial_port import MAX_LINE, LineSplitter, Pacer, serve
-from robocar.sim.simulation import Simulation
-from robocar.sim.world import build_world
+from robocar.sim.world import World
+from robocar.sim.world_spec import build_world
 
 START = SE2(1.0, 1.0, 0.0)
 
@@ -29,14 +30,14 @@ class Session:
 
     def __init__(self, start: SE2 = START, real_time: bool = False) -> None:
         room = OccupancyGrid(np.zeros((20, 30), dtype=np.int8), 0.1)
-        self.simulation = Simulation(build_world(room), start=start, seed=1)
+        self.world = World(build_world(room), [RobotSetup(start)], seed=1)
         self._ready, self._stop = threading.Event(), threading.Event()
         self.thread = threading.Thread(target=self._serve, args=(real_time,), daemon=True)
         self.thread.start()
         assert self._ready.wait(10), "the port was never announced"
 
     def _serve(self, real_time: bool) -> None:
-        serve(self.simulation, real_time=real_time, stop=self._stop.is_set, announce=self._announce)
+        serve(self.world, real_time=real_time, stop=self._stop.is_set, announce=self._announce)
 
     def _announce(self, path: str) -> None:
         self.path = path
@@ -47,12 +48,12 @@ class Session:
 
     def moved(self) -> SE2:
         """start_from_robot."""
-        return START.inverse() @ self.simulation.ground_truth().pose
+        return START.inverse() @ self.world.ground_truth().pose
 
     def end(self) -> None:
         self._stop.set()
         self.thread.join(10)
-        self.simulation.close()
+        self.world.close()
 
 
 @pytest.fixture
@@ -77,12 +78,12 @@ def test_a_cell_forward_in_real_time() -> None:
     session = Session(real_time=True)
     try:
         with session.client() as port:
-            began, time_began = time.monotonic(), session.simulation.time
+            began, time_began = time.monotonic(), session.world.time
             say(port, "M1")
             assert hear(port, 2) == ["OK\n", "DONE\n"]
-            wall, simulated = time.monotonic() - began, session.simulation.time - time_began
+            wall, simulated = time.monotonic() - began, session.world.time - time_began
             assert session.moved().x == pytest.approx(0.30, rel=0.02)
-            assert wall >= simulated - 2 * session.simulation.control_period  # never ahead; a busy machine may lag
+            assert wall >= simulated - 2 * session.world.control_period  # never ahead; a busy machine may lag
             say(port, "F")
             assert hear(port, 2) == ["OK\n", "DONE\n"]
         session.thread.join(10)
@@ -154,9 +155,9 @@ def test_a_client_may_hang_up_and_the_next_one_starts_afresh(session: Session) -
     with session.client() as port:
         say(port, "M1", b"Kr9")  # the second line is never finished
         assert hear(port) == ["OK\n"]
-        before = session.simulation.time
+        before = session.world.time
     deadline = time.monotonic() + 10
-    while session.simulation.time < before + 5.0 and time.monotonic() < deadline:
+    while session.world.time < before + 5.0 and time.monotonic() < deadline:
         time.sleep(0.01)
     assert session.moved().x == pytest.approx(0.30, rel=0.02)  # what was accepted is executed without a listener
     with session.client() as port:
@@ -171,11 +172,11 @@ def test_a_client_that_never_reads_blocks_nobody(session: Session) -> None:
     with session.client() as port:
         for _ in range(40):
             say(port, b"x\n" * 200)
-        before = session.simulation.time
+        before = session.world.time
         deadline = time.monotonic() + 10
-        while session.simulation.time < before + 1.0 and time.monotonic() < deadline:
+        while session.world.time < before + 1.0 and time.monotonic() < deadline:
             time.sleep(0.01)
-        assert session.simulation.time >= before + 1.0
+        assert session.world.time >= before + 1.0
         port.timeout = 0.5
         heard = port.read(1_000_000).decode("ascii").splitlines()
         assert set(heard) == {"ERR unknown command 'x': M<n> Kr<d> Kn<d> B S F"}

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 import pytest
 
-from robocar.core import Image
+from robocar.core import Image, Observation, State
 from robocar.recording import RerunRecorder, Scenery, palette, read_trajectory
 from tests.recording.synthetic import GrowingMap, drive, record, room, scenery
 
@@ -142,9 +142,9 @@ def test_an_empty_room_shows_neither_car_nor_plan_and_a_camera_shows_its_picture
     intrinsics = np.array([[60.0, 0.0, 40.0], [0.0, 60.0, 30.0], [0.0, 0.0, 1.0]])
     camera_ahead = np.array([[0.0, 0.0, 1.0, 0.1], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.2], [0.0, 0.0, 0.0, 1.0]])
     for tick in drive(2):
-        observation = replace(tick.observation, sonars=(), image=Image(tick.observation.time, picture, intrinsics, camera_ahead))
+        observation = Observation(tick.observation.time, image=Image(tick.observation.time, picture, intrinsics, camera_ahead))
         command = replace(tick.command, trace={})
-        recorder.log(observation, tick.belief, GrowingMap(), command, None)
+        recorder.log(observation, State.of(tick.belief, GrowingMap()), command, None)
     recorder.close()
     pictures, reports, logs = shoot(path)
     assert len(pixels_of(pictures["Camera"], (10, 200, 30))) > 5000

@@ -11,12 +11,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from robocar.core import Array, frozen_array
+from robocar.core.compiling import warm_up
 from robocar.planners.tracking.panorama import ScanPanorama
 from robocar.planners.tracking.tracker import Tracked
 
@@ -64,38 +66,46 @@ class Moving:
         return len(self.obstacles)
 
 
-def predict(
-    moving: Moving,
-    now: float,
-    start: Array,
-    heading: float,
-    length: float,
-    speed: float,
-    delay: float,
-    stay: float,
-    radius: float,
-    horizon: float,
-) -> Collision | None:
+class StraightDrive(NamedTuple):
+    """What the robot means to do: stand and turn, drive straight, stand there.
+
+    Args:
+        x, y: centre of its circle where it begins [m].
+        heading: of its way [rad].
+        length: of its way [m].
+        speed: [m/s].
+        delay: until it drives [s].
+        stay: that it stands at the end [s].
+        radius: of its circle, with what is to be kept free around it [m].
+    """
+
+    x: float
+    y: float
+    heading: float
+    length: float
+    speed: float
+    delay: float
+    stay: float
+    radius: float
+
+
+def predict(moving: Moving, now: float, drive: StraightDrive, horizon: float) -> Collision | None:
     """The first collision with one of the obstacles, if the robot's circle drives straight (eq. 7-10); None if there is none.
 
     Args:
-        start: centre of the robot's circle, (2,) [m]; heading [rad] and length [m] of its way; speed [m/s].
-        delay: until it drives [s]; stay: that it stands at the end [s].
-        radius: of the robot's circle, with what is to be kept free around it [m].
         horizon: how far ahead it looks [s].
     """
-    x0, y0 = float(start[0]), float(start[1])
-    k, begin, end = _first(moving.rows, now, x0, y0, heading, length, speed, delay, stay, radius, horizon)
+    k, begin, end = _first(moving.rows, now, drive, horizon)
     if k < 0:
         return None
     obstacle = moving.obstacles[k]
     (x, y), (vx, vy), v = obstacle.at(now).tolist(), obstacle.velocity.tolist(), obstacle.speed
-    gone = min(max(begin - delay, 0.0) * speed, length)
-    px, py = x0 + gone * math.cos(heading), y0 + gone * math.sin(heading)
+    gone = min(max(begin - drive.delay, 0.0) * drive.speed, drive.length)
+    px, py = drive.x + gone * math.cos(drive.heading), drive.y + gone * math.sin(drive.heading)
     return Collision(
         obstacle,
         frozen_array([px, py]),
-        gone / speed,
+        gone / drive.speed,
         math.hypot(x - px, y - py) / v if v > 0 else 0.0,
         begin,
         end,
@@ -143,12 +153,13 @@ def near_virtual(points: Array, collisions: list[Collision], margin: float) -> N
     return near
 
 
-def warm_up() -> None:
+@warm_up
+def prepare() -> None:
     """Compiles what the control loop needs."""
     bearings = frozen_array(np.linspace(-math.pi, math.pi, 36, endpoint=False))
     panorama = ScanPanorama(0.0, frozen_array(np.zeros(2)), bearings, frozen_array(np.full(36, 4.0)), 6.0, math.tau / 36)
     ahead = Moving.of([Tracked(0, 0.0, np.array([2.0, 0.0]), 0.2, np.zeros((2, 2)), velocity=np.array([-0.1, 0.0]))])
-    collision = predict(ahead, 0.0, np.zeros(2), 0.0, 2.0, 0.3, 0.5, 1.0, 0.3, 9.0)
+    collision = predict(ahead, 0.0, StraightDrive(0.0, 0.0, 0.0, 2.0, 0.3, 0.5, 1.0, 0.3), 9.0)
     assert collision is not None
     with_virtual(standing_world(panorama, ahead, 0.1), [collision])
     near_virtual(np.zeros((1, 10)), [collision], 0.1)
@@ -170,17 +181,13 @@ def _blank(ranges: Array, bearings: Array, origin: Array, rows: Array, time: flo
 
 
 @njit(cache=True)
-def _first(
-    rows: Array, now: float, x: float, y: float, heading: float, length: float, speed: float, delay: float, stay: float,
-    radius: float, horizon: float,
-) -> tuple[int, float, float]:  # fmt: skip
+def _first(rows: Array, now: float, drive: StraightDrive, horizon: float) -> tuple[int, float, float]:
     """Which of the obstacles (see `Moving`) is met first, from when to when; -1 if none is."""
     first, begin, end = -1, math.inf, math.inf
-    c, s = math.cos(heading), math.sin(heading)
     for k in range(len(rows)):
         age, vx, vy = now - rows[k, 5], rows[k, 2], rows[k, 3]
-        dx, dy = rows[k, 0] + age * vx - x, rows[k, 1] + age * vy - y
-        b, e = _overlap(dx, dy, vx, vy, c, s, length, speed, delay, stay, radius + rows[k, 4], horizon)
+        dx, dy = rows[k, 0] + age * vx - drive.x, rows[k, 1] + age * vy - drive.y
+        b, e = _overlap(dx, dy, vx, vy, rows[k, 4], drive, horizon)
         if b < begin:
             first, begin, end = k, b, e
     return first, begin, end
@@ -188,16 +195,18 @@ def _first(
 
 @njit(cache=True)
 def _overlap(
-    x: float, y: float, vx: float, vy: float, c: float, s: float, length: float, v: float, delay: float, stay: float,
-    reach: float, horizon: float,
-) -> tuple[float, float]:  # fmt: skip
-    """From when to when an obstacle at (x, y) relative to the robot's circle is nearer than `reach`, while the robot stands for
-    `delay`, drives `length` along (c, s) at `v` and stands for `stay`; inf where it never is.
+    x: float, y: float, vx: float, vy: float, radius: float, drive: StraightDrive, horizon: float
+) -> tuple[float, float]:
+    """From when to when an obstacle at (x, y) relative to the robot overlaps with its circle while it drives; inf where it never
+    does.
 
     Approaching counts only: an overlap that is there now and opens is none.
     """
     first, last = math.inf, -math.inf
-    times = (0.0, delay, delay + length / v, delay + length / v + stay)
+    c, s = math.cos(drive.heading), math.sin(drive.heading)
+    length, v, reach = drive.length, drive.speed, drive.radius + radius
+    there = drive.delay + length / v
+    times = (0.0, drive.delay, there, there + drive.stay)
     for phase in range(3):
         t0, t1 = times[phase], min(times[phase + 1], horizon)
         if t1 <= t0:

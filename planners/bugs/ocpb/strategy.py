@@ -38,9 +38,17 @@ import numpy as np
 
 from robocar.core import Array, Arrows, Context, GiveUp, Lines, Points, Text, wrap_angle
 from robocar.core.trace import PLAN_COLOR, Drawable
-from robocar.planners.bugs.local_planner import build_bug
+from robocar.planners.bugs.bug import build_bug
 from robocar.planners.bugs.ocpb import collision_points, sub_goals
-from robocar.planners.bugs.ocpb.collision_points import Collision, Moving, near_virtual, predict, standing_world, with_virtual
+from robocar.planners.bugs.ocpb.collision_points import (
+    Collision,
+    Moving,
+    StraightDrive,
+    near_virtual,
+    predict,
+    standing_world,
+    with_virtual,
+)
 from robocar.planners.bugs.ocpb.leg import Leg, LegKind
 from robocar.planners.bugs.ocpb.parameters import OcpbParameters
 from robocar.planners.bugs.ocpb.sub_goals import SAME
@@ -76,15 +84,9 @@ class OperativeCriticalPointBug:
         self.parameters = parameters
         self.obstacles = ObstacleTracker(parameters.max_obstacle_width, parameters.tracking_distance)
         self._lookout = Lookout(bug.looks)
-        collision_points.warm_up()
-        sub_goals.warm_up()
-        self.reset()
-
-    def reset(self) -> None:
-        """A new episode."""
-        self.obstacles.forget()
+        collision_points.prepare()
+        sub_goals.prepare()
         self._moving = Moving.of([])
-        self._lookout.start()
         self.seen = Traverse()  # T, SG and D
         self._open_points = np.empty((0, 10))
         self.collisions: list[Collision] = []
@@ -260,18 +262,11 @@ class OperativeCriticalPointBug:
         p = view.parameters
         heading = view.heading_to(target)
         turn = abs(wrap_angle(heading - view.pose.theta)) / p.rotate_to_heading_angular_vel if turning else 0.0
-        return predict(
-            self._moving,
-            view.time,
-            view.centre,
-            heading,
-            math.dist(view.centre, target),
-            p.desired_linear_vel,
-            turn + _TURN_DELAY if turning else 0.0,
-            stay,
-            view.circle.body + (self.parameters.collision_margin if margin is None else margin),
-            self.parameters.prediction_horizon + (stay if stay >= _STAY else 0.0),
-        )
+        delay = turn + _TURN_DELAY if turning else 0.0
+        radius = view.circle.body + (self.parameters.collision_margin if margin is None else margin)
+        (x, y), length, speed = view.centre.tolist(), math.dist(view.centre, target), float(p.desired_linear_vel)
+        drive = StraightDrive(x, y, heading, length, speed, delay, stay, radius)
+        return predict(self._moving, view.time, drive, self.parameters.prediction_horizon + (stay if stay >= _STAY else 0.0))
 
     # -- on the way ----------------------------------------------------------------------------------------------------
 
@@ -336,7 +331,9 @@ class OperativeCriticalPointBug:
         if not len(self._moving):
             return None
         margin = view.circle.body + 0.5 * self.parameters.collision_margin
-        return predict(self._moving, view.time, view.centre, 0.0, 0.0, 1.0, 0.0, 4.0, margin, 4.0)
+        (x, y), horizon = view.centre.tolist(), 4.0
+        waiting = StraightDrive(x, y, heading=0.0, length=0.0, speed=1.0, delay=0.0, stay=horizon, radius=margin)
+        return predict(self._moving, view.time, waiting, horizon)
 
     def _evade(self, view: BugView) -> Move:
         """Out of the way: the shortest straight motion after which nothing comes, with less room where it is too late for more;

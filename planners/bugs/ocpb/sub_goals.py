@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from robocar.core import Array
+from robocar.core.compiling import warm_up
 from robocar.planners.bugs.ocpb.surfaces import FREE, Surfaces, goes_on
 from robocar.planners.bugs.view import ROOM_TO_TURN, first_touched, free_way, narrow_gap, room_at
 
@@ -26,18 +28,47 @@ COLUMNS = 15
 (_PX, _PY, _WX, _WY, DISTANCE, LATER, _NUMBER) = range(7)
 
 
+class Needs(NamedTuple):
+    """Room that the robot needs.
+
+    Args:
+        radius: of the virtual circle [m].
+        driving: of the circle that drives: the virtual one less half the safety constant [m].
+        body: of the robot's own circle [m].
+        width: of the narrowest gap that it passes [m].
+    """
+
+    radius: float
+    driving: float
+    body: float
+    width: float
+
+
+class Memory(NamedTuple):
+    """What the robot has done and seen.
+
+    Args:
+        been: T, the sub-goals visited, (n, 2) [m].
+        passed: points of the way driven, (m, 2) [m].
+        surfaces: `Surfaces.table`.
+    """
+
+    been: Array
+    passed: Array
+    surfaces: NDArray[np.int64]
+
+
 @njit(cache=True)
 def consider(
-    open_points: Array, virtual: NDArray[np.bool_], threatened: bool, table: Array, count: int, at: int, been: Array,
-    passed: Array, surfaces: NDArray[np.int64], hits: Array, x: float, y: float, gx: float, gy: float, radius: float,
-    driving: float, body: float, width: float,
+    open_points: Array, virtual: NDArray[np.bool_], threatened: bool, table: Array, count: int, at: int, memory: Memory,
+    hits: Array, x: float, y: float, gx: float, gy: float, needs: Needs,
 ) -> tuple[Array, int]:  # fmt: skip
     """Candidates (k, 7) and the new number of rows of `table`, which has room for as many more as there are open points."""
     out, found, known = np.empty((len(open_points), 7)), 0, count
-    new = np.zeros(COLUMNS)
+    new, been, passed = np.zeros(COLUMNS), memory.been, memory.passed
     goal = math.hypot(gx - x, gy - y)
     for i in range(len(open_points)):
-        _row(open_points[i], radius, gx, gy, new)
+        _row(open_points[i], needs.radius, gx, gy, new)
         k, row = -1, new
         if not virtual[i]:
             k = same_end(table[:known], new)
@@ -50,10 +81,11 @@ def consider(
         elif new[LEFT] > goal and not threatened:
             continue  # rather than go back round what moves it lets it pass
         tx, ty, sure = row[TX], row[TY], row[SURE] > 0.0
-        if visited(been, passed, tx, ty, sure) or (not sure and goes_on(surfaces, row[X], row[Y], row[UX], row[UY], row[BEYOND])):
+        goes = not sure and goes_on(memory.surfaces, row[X], row[Y], row[UX], row[UY], row[BEYOND])
+        if goes or visited(been, passed, tx, ty, sure):
             row[OPEN] = 0.0
             continue
-        wx, wy = way_to(hits, been, x, y, tx, ty, radius, driving, body, width)
+        wx, wy = way_to(hits, been, x, y, tx, ty, needs)
         if math.isnan(wx):
             continue  # D takes what can be reached from here; from elsewhere it may be
         if not virtual[i]:
@@ -125,28 +157,26 @@ def any_near(points: Array, x: float, y: float, near: float) -> bool:
 
 
 @njit(cache=True)
-def fits(hits: Array, x: float, y: float, tx: float, ty: float, driving: float, body: float, width: float) -> bool:
-    """SAFE_POINT: whether the robot can drive straight to a point, turn there, and passes gaps wider than `width` only."""
-    if room_at(hits, tx, ty) < body + ROOM_TO_TURN:
+def fits(hits: Array, x: float, y: float, tx: float, ty: float, needs: Needs) -> bool:
+    """SAFE_POINT: whether the robot can drive straight to a point, turn there, and passes gaps wider than it needs only."""
+    if room_at(hits, tx, ty) < needs.body + ROOM_TO_TURN:
         return False
     heading, length = math.atan2(ty - y, tx - x), math.hypot(tx - x, ty - y)
-    return free_way(hits, x, y, heading, driving, length) >= length and math.isinf(
-        narrow_gap(hits, x, y, heading, length, width, body)
+    return free_way(hits, x, y, heading, needs.driving, length) >= length and math.isinf(
+        narrow_gap(hits, x, y, heading, length, needs.width, needs.body)
     )
 
 
 @njit(cache=True)
-def way_to(
-    hits: Array, been: Array, x: float, y: float, tx: float, ty: float, radius: float, driving: float, body: float, width: float
-) -> tuple[float, float]:
+def way_to(hits: Array, been: Array, x: float, y: float, tx: float, ty: float, needs: Needs) -> tuple[float, float]:
     """Where to drive to get to a point; nan where it cannot be reached.
 
     There, if the virtual circle, less half the safety constant, gets there straight. Else beside the corner that is in its way,
     at `radius` from it, if both parts of that way fit and T does not hold that place. Else there, if the outline fits.
     """
-    heading, length = math.atan2(ty - y, tx - x), math.hypot(tx - x, ty - y)
-    direct = fits(hits, x, y, tx, ty, driving, body, width)
-    k = first_touched(hits, x, y, heading, 0.5 * (radius + body), length)
+    heading, length, radius = math.atan2(ty - y, tx - x), math.hypot(tx - x, ty - y), needs.radius
+    direct = fits(hits, x, y, tx, ty, needs)
+    k = first_touched(hits, x, y, heading, 0.5 * (radius + needs.body), length)
     if k >= 0:
         c, s = math.cos(heading), math.sin(heading)
         side = 1.0 if c * (hits[k, 1] - y) - s * (hits[k, 0] - x) > 0.0 else -1.0
@@ -155,24 +185,23 @@ def way_to(
             not any_near(been, px, py, 0.5 * SAME)
             and math.hypot(x - px, y - py) > 0.5 * SAME
             and math.hypot(tx - px, ty - py) > 0.5 * SAME
-            and fits(hits, x, y, px, py, driving, body, width)
-            and fits(hits, px, py, tx, ty, driving, body, width)
+            and fits(hits, x, y, px, py, needs)
+            and fits(hits, px, py, tx, ty, needs)
         ):
             return px, py
     return (tx, ty) if direct else (math.nan, math.nan)
 
 
-def warm_up() -> None:
+@warm_up
+def prepare() -> None:
     """Compiles what the control loop needs."""
     hits, nothing = np.array([[1.0, 0.5], [1.0, -0.5]]), np.empty((0, 2))
     point = np.array([[1.0, 0.5, 0.4, 1.1, 1.0, 1.0, 0.0, 0.1, 1.0, 0.0]])
     table, surfaces = np.zeros((4, COLUMNS)), np.full(64, FREE)
+    needs, memory = Needs(0.2, 0.1, 0.15, 0.4), Memory(nothing, nothing, surfaces)
     for count in (0, 1):
-        consider(
-            point, np.zeros(1, dtype=np.bool_), False, table, count, 0, nothing, nothing, surfaces, hits, 0.0, 0.0, 3.0, 0.0, 0.2,
-            0.1, 0.15, 0.4,
-        )  # fmt: skip
-    way_to(hits, nothing, 0.0, 0.0, 1.0, 0.5, 0.2, 0.1, 0.15, 0.4)
+        consider(point, np.zeros(1, dtype=np.bool_), False, table, count, 0, memory, hits, 0.0, 0.0, 3.0, 0.0, needs)
+    way_to(hits, nothing, 0.0, 0.0, 1.0, 0.5, needs)
     visited(nothing, nothing, 0.0, 0.0, True)
     comes_later(nothing, 0.0, 0.0, True)
     Surfaces().remember(np.zeros((4000, 2)))

@@ -148,19 +148,18 @@ class Traverse:
         """
         while len(self._table) < self._count + len(open_points):
             self._table = np.concatenate([self._table, np.zeros_like(self._table)])
-        (x, y), (gx, gy), circle = view.centre.tolist(), view.goal.position.tolist(), view.circle
+        (x, y), (gx, gy), needs = view.centre.tolist(), view.goal.position.tolist(), _needs(view, gap_tolerance)
+        memory = sg.Memory(self._been, self._passed, self.surfaces.table)
         found, self._count = sg.consider(
-            open_points, virtual, threatened, self._table, self._count, self.at, self._been, self._passed, self.surfaces.table,
-            view.hits, x, y, gx, gy, circle.radius, circle.driving, circle.body, 2.0 * circle.radius * (1.0 + gap_tolerance),
-        )  # fmt: skip
+            open_points, virtual, threatened, self._table, self._count, self.at, memory, view.hits, x, y, gx, gy, needs
+        )
         rows = sorted(found.tolist(), key=lambda row: (row[sg.LATER], row[sg.DISTANCE]))
         return [Candidate(np.array(r[:2]), np.array(r[2:4]), r[4], r[5] > 0.0, int(r[6])) for r in rows]
 
     def way_to(self, view: BugView, point: Array, gap_tolerance: float) -> Array | None:
         """Where to drive to get to a point in sight: there, or beside a corner on the way, (2,) [m]; None if neither fits."""
-        (x, y), (px, py), circle = view.centre.tolist(), point.tolist(), view.circle
-        width = 2.0 * circle.radius * (1.0 + gap_tolerance)
-        way = sg.way_to(view.hits, self._been, x, y, px, py, circle.radius, circle.driving, circle.body, width)
+        (x, y), (px, py) = view.centre.tolist(), point.tolist()
+        way = sg.way_to(view.hits, self._been, x, y, px, py, _needs(view, gap_tolerance))
         return None if math.isnan(way[0]) else np.array(way)
 
     def give_up_here(self) -> None:
@@ -189,3 +188,8 @@ class Traverse:
             if length < shortest:
                 best, shortest = k, length
         return best
+
+
+def _needs(view: BugView, gap_tolerance: float) -> sg.Needs:
+    circle = view.circle
+    return sg.Needs(circle.radius, circle.driving, circle.body, 2.0 * circle.radius * (1.0 + gap_tolerance))

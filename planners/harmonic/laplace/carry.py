@@ -34,14 +34,7 @@ def carry(old: Multigrid, new: Multigrid) -> list[NDArray[np.uint8]]:
     found = []
     for k, level in enumerate(new.levels):
         if k < len(old.levels):
-            before = old.levels[k]
-            stale = _carry(
-                blocks, below, stale,
-                level.blocks, level.indptr, level.indices,
-                level.probability, level.goal, level.loss, level.log_weight, level.share,
-                before.blocks, before.indptr, before.indices,
-                before.probability, before.goal, before.loss, before.log_weight, before.share,
-            )  # fmt: skip
+            stale = _carry(blocks, below, stale, level.arrays, old.levels[k].arrays)
             below = level.parent
             blocks = _coarser_blocks(blocks)
         else:
@@ -77,18 +70,22 @@ def _in_changed_blocks(changed, blocks, indptr, indices):
 
 
 @njit(cache=True)
-def _carry(
-    changed, below, stale_below,
-    blocks, indptr, indices, probability, goal, loss, log_weight, share,
-    old_blocks, old_indptr, old_indices, old_probability, old_goal, old_loss, old_log_weight, old_share,
-):  # fmt: skip
-    n, old_n = len(blocks), len(old_blocks)
-    state = _in_changed_blocks(changed, blocks, indptr, indices)
-    old_state = _in_changed_blocks(changed, old_blocks, old_indptr, old_indices)
+def _carry(changed, below, stale_below, new, old):
+    """`carry` on one level.
+
+    Args:
+        changed: its blocks that have, (rows, cols) uint8.
+        below, stale_below: nodes of the finer level: their parents here, (m,), and whether they are still to be weighed.
+        new, old: `LevelArrays`.
+    """
+    n, old_n = len(new.blocks), len(old.blocks)
+    indptr, old_indptr = new.indptr, old.indptr
+    state = _in_changed_blocks(changed, new.blocks, indptr, new.indices)
+    old_state = _in_changed_blocks(changed, old.blocks, old_indptr, old.indices)
     for i in range(len(below)):
         if stale_below[i] and state[below[i]] == 0:
             state[below[i]] = 2
-    with_share = len(share) == n and len(old_share) == old_n  # the last level has none
+    with_share = len(new.share) == n and len(old.share) == old_n  # the last level has none
     i, j = 0, 0
     while i < n:
         if state[i] == 1:
@@ -102,12 +99,12 @@ def _carry(
             i += 1
         j = i + shift
         if i > begin:
-            goal[begin:i] = old_goal[begin + shift : j]
-            loss[begin:i] = old_loss[begin + shift : j]
-            log_weight[begin:i] = old_log_weight[begin + shift : j]
-            probability[indptr[begin] : indptr[i]] = old_probability[old_indptr[begin + shift] : old_indptr[j]]
+            new.goal[begin:i] = old.goal[begin + shift : j]
+            new.loss[begin:i] = old.loss[begin + shift : j]
+            new.log_weight[begin:i] = old.log_weight[begin + shift : j]
+            new.probability[indptr[begin] : indptr[i]] = old.probability[old_indptr[begin + shift] : old_indptr[j]]
             if with_share:
-                share[begin:i] = old_share[begin + shift : j]
+                new.share[begin:i] = old.share[begin + shift : j]
         elif i < n:
             state[i] = 2
             i += 1

@@ -11,12 +11,29 @@ blocks count half: a piecewise constant correction makes links twice too stiff (
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from robocar.core import Array
+
+
+class LevelArrays(NamedTuple):
+    """The arrays of a `Level`, for compiled functions."""
+
+    blocks: NDArray[np.int32]
+    indptr: NDArray[np.int32]
+    indices: NDArray[np.int32]
+    probability: Array
+    goal: Array
+    loss: Array
+    log_weight: Array
+    parent: NDArray[np.int32]
+    share: NDArray[np.float32]
+    first_child: NDArray[np.int32]
+    children: NDArray[np.int32]
 
 
 @dataclass(slots=True, eq=False)
@@ -50,6 +67,14 @@ class Level:
     @property
     def size(self) -> int:
         return len(self.blocks)
+
+    @property
+    def arrays(self) -> LevelArrays:
+        """As they are now: `coarser` sets `parent` and `share` anew."""
+        return LevelArrays(
+            self.blocks, self.indptr, self.indices, self.probability, self.goal, self.loss, self.log_weight, self.parent,
+            self.share, self.first_child, self.children,
+        )  # fmt: skip
 
 
 def _empty_level(blocks, n_red, indptr, indices, first_child, children) -> Level:

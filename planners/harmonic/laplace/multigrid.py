@@ -32,7 +32,7 @@ from robocar.planners.harmonic.laplace.relaxation import (
     spread,
     sweep,
 )
-from robocar.planners.harmonic.laplace.weights import follow, stale_nodes, stale_parents, weigh, weigh_first
+from robocar.planners.harmonic.laplace.weights import Cells, follow, stale_nodes, stale_parents, weigh, weigh_first
 
 DIRECT_SIZE = 400
 """Levels of at most this many nodes are solved directly."""
@@ -158,7 +158,8 @@ class Multigrid:
         first = self.levels[0]
         if stale is None:
             stale = [np.ones(first.size, np.uint8)]
-        weigh_first(w, self.problem.inverse_degree, self.parent, first, self.share, conditioned, 2.0 / 3.0, stale[0])
+        cells = Cells.of(w, self.problem.inverse_degree, self.parent, self.share)
+        weigh_first(cells, first, conditioned, 2.0 / 3.0, stale[0])
         self._reweigh_from(0, np.ones(first.size), conditioned, stale)
 
     def _reweigh_from(self, k: int, w: Array, conditioned: bool, stale: Sequence[NDArray[np.uint8]]) -> None:

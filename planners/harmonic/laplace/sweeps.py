@@ -8,7 +8,6 @@ vectors, and several iterations pass over the rows together. The rate of converg
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass
 from typing import Literal
 
@@ -42,14 +41,12 @@ class Sweeps:
     Args:
         potential: on all cells, its `residuals` the largest relative one of any cell.
         iterations: k of the paper's table 1.
-        seconds: t of table 1, iterations and direct steps; processor time, so what else the machine does is not counted.
         omega: the weight that was used.
         changes: largest change of any node in each iteration, nan where it was not looked at, (iterations,).
     """
 
     potential: Potential
     iterations: int
-    seconds: float
     omega: float
     changes: Array
 
@@ -88,13 +85,11 @@ def sweep(
         tolerance = reachable(weight)
     elif tolerance < reachable(weight):
         raise ParameterError(f"tolerance {tolerance} is below what doubles reach with omega {weight}: {reachable(weight):.1e}")
-    begin = time.process_time()
     u, changes = _iterate(lattice, weight, iteration == "jacobi", tolerance, max_iterations)
     field = fill_in(problem, lattice, u)
-    seconds = time.process_time() - begin
     residual = largest_residual(field, problem.inverse_degree)
     name = f"{scheme}-sweep {iteration}"
-    return Sweeps(Potential(problem, field, None, name, np.array([residual])), len(changes), seconds, weight, changes)
+    return Sweeps(Potential(problem, field, None, name, np.array([residual])), len(changes), weight, changes)
 
 
 def best_omega(problem: LaplaceProblem, scheme: Scheme = "quarter", accuracy: float = 0.02) -> float:

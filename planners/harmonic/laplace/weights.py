@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
@@ -69,10 +71,30 @@ def stale_parents(parent, stale, size):
     return out
 
 
-def weigh_first(
-    w: Array, inverse_degree: Array, parent: NDArray, level: Level, share: NDArray, conditioned: bool, loss_scale: float,
-    stale: NDArray,
-) -> None:  # fmt: skip
+class Cells(NamedTuple):
+    """The finest level, with a border of blocked cells: row after row, (cells,), for kernels that count along both.
+
+    Args:
+        cols: of a row.
+        w: the present field.
+        inverse_degree: 1 over the number of neighbours, 0 where nothing is sought.
+        parent: node of level 1 of each cell, -1 for none, int32.
+        share: weight of the cell in its node's balance, float32; is set.
+    """
+
+    cols: int
+    w: Array
+    inverse_degree: Array
+    parent: NDArray[np.int32]
+    share: NDArray[np.float32]
+
+    @staticmethod
+    def of(w: Array, inverse_degree: Array, parent: NDArray[np.int32], share: NDArray[np.float32]) -> Cells:
+        """Views of contiguous arrays (rows + 2, cols + 2)."""
+        return Cells(w.shape[1], w.reshape(-1), inverse_degree.reshape(-1), parent.reshape(-1), share.reshape(-1))
+
+
+def weigh_first(cells: Cells, level: Level, conditioned: bool, loss_scale: float, stale: NDArray) -> None:
     """Set the walk of level 1 at `stale` nodes: conditioned on w, or with w = 1 the plain one that walls absorb.
 
     A walk conditioned on a w that is not the solution yet loses what w exceeds the mean of its neighbours by, and gains what it
@@ -80,33 +102,15 @@ def weigh_first(
     function that is not harmonic); without it, only a small one's first order.
     """
     kernel = _weigh_first_parallel if level.size > PARALLEL_SIZE else _weigh_first_serial
-    kernel(
-        w, inverse_degree, parent, level.blocks, level.indptr, level.indices, level.probability, level.goal, level.loss,
-        level.log_weight, share, conditioned, loss_scale, stale,
-    )  # fmt: skip
+    kernel(cells, level.arrays, conditioned, loss_scale, stale)
 
 
 @njit(cache=True)
-def _weigh_first(
-    begin_node,
-    end_node,
-    w,
-    inverse_degree,
-    parent,
-    blocks,
-    indptr,
-    indices,
-    probability,
-    goal,
-    loss,
-    log_weight,
-    share,
-    conditioned,
-    loss_scale,
-    stale,
-):
-    cols, one, stride = np.int64(w.shape[1]), np.uint64(1), np.uint64(w.shape[1])
-    field, degrees, parents, shares = w.ravel(), inverse_degree.ravel(), parent.ravel(), share.ravel()
+def _weigh_first(begin_node, end_node, cells, level, conditioned, loss_scale, stale):
+    cols, one, stride = cells.cols, np.uint64(1), np.uint64(cells.cols)
+    field, degrees, parents, shares = cells.w, cells.inverse_degree, cells.parent, cells.share
+    blocks, indptr, probability, goal, loss = level.blocks, level.indptr, level.probability, level.goal, level.loss
+    log_weight = level.log_weight
     # the k-th of eight pairs: a cell of the block, left, right, top and bottom, and its neighbour outside
     inner = (0, cols, 1, cols + 1, 0, 1, cols, cols + 1)
     outer = (-1, cols - 1, 2, cols + 2, -cols, 1 - cols, 2 * cols, 2 * cols + 1)
@@ -184,58 +188,27 @@ def _weigh_first(
 
 
 @njit(cache=True)
-def _weigh_first_serial(
-    w, inverse_degree, parent, blocks, indptr, indices, probability, goal, loss, log_weight, share, conditioned, loss_scale, stale
-):
-    _weigh_first(
-        0,
-        len(blocks),
-        w,
-        inverse_degree,
-        parent,
-        blocks,
-        indptr,
-        indices,
-        probability,
-        goal,
-        loss,
-        log_weight,
-        share,
-        conditioned,
-        loss_scale,
-        stale,
-    )
+def _weigh_first_serial(cells, level, conditioned, loss_scale, stale):
+    _weigh_first(0, len(level.blocks), cells, level, conditioned, loss_scale, stale)
 
 
 @njit(cache=True, parallel=True)
-def _weigh_first_parallel(
-    w, inverse_degree, parent, blocks, indptr, indices, probability, goal, loss, log_weight, share, conditioned, loss_scale, stale
-):
-    n = len(blocks)
+def _weigh_first_parallel(cells, level, conditioned, loss_scale, stale):
+    n = len(level.blocks)
     for k in prange(CHUNKS):
-        _weigh_first(
-            n * k // CHUNKS, n * (k + 1) // CHUNKS,
-            w, inverse_degree, parent, blocks, indptr, indices, probability, goal, loss, log_weight, share, conditioned,
-            loss_scale, stale,
-        )  # fmt: skip
+        _weigh_first(n * k // CHUNKS, n * (k + 1) // CHUNKS, cells, level, conditioned, loss_scale, stale)
 
 
 def weigh(fine: Level, coarse: Level, w: Array, conditioned: bool, loss_scale: float, stale: NDArray) -> None:
     """Set the walk of `coarse` at `stale` nodes from that of `fine`, conditioned on w (n,) of `fine` (ones: it is already)."""
     kernel = _weigh_parallel if coarse.size > PARALLEL_SIZE else _weigh_serial
-    kernel(
-        w, fine.parent, fine.indptr, fine.indices, fine.probability, fine.goal, fine.loss, fine.log_weight, fine.share,
-        coarse.first_child, coarse.children, coarse.indptr, coarse.indices, coarse.probability, coarse.goal, coarse.loss,
-        coarse.log_weight, conditioned, loss_scale, stale,
-    )  # fmt: skip
+    kernel(w, fine.arrays, coarse.arrays, conditioned, loss_scale, stale)
 
 
 @njit(cache=True)
-def _weigh(
-    begin_node, end_node, w, parent, indptr, indices, probability, goal, loss, log_weight, share,
-    first_child, children, coarse_indptr, coarse_indices, coarse_probability, coarse_goal, coarse_loss, coarse_log_weight,
-    conditioned, loss_scale, stale,
-):  # fmt: skip
+def _weigh(begin_node, end_node, w, fine, coarse, conditioned, loss_scale, stale):
+    first_child, children, indptr, indices = coarse.first_child, coarse.children, fine.indptr, fine.indices
+    share = fine.share
     for node in range(begin_node, end_node):
         if not stale[node]:
             continue
@@ -244,40 +217,40 @@ def _weigh(
         first, stop = np.uint32(first_child[node]), np.uint32(first_child[node + 1])
         for k in range(first, stop):
             i = np.uint32(children[k])
-            top = max(top, log_weight[i])
+            top = max(top, fine.log_weight[i])
             largest = max(largest, w[i])
-        begin, end = np.uint32(coarse_indptr[node]), np.uint32(coarse_indptr[node + 1])
+        begin, end = np.uint32(coarse.indptr[node]), np.uint32(coarse.indptr[node + 1])
         for a in range(begin, end):
-            coarse_probability[a] = 0.0
+            coarse.probability[a] = 0.0
         total = 0.0
         to_goal = 0.0
         lost = 0.0
         for k in range(first, stop):
             i = np.uint32(children[k])
             relative = w[i] / largest
-            weight = np.exp2(log_weight[i] - top) * relative * relative
+            weight = np.exp2(fine.log_weight[i] - top) * relative * relative
             inverse = 1.0 / w[i]
-            out = goal[i] * inverse
+            out = fine.goal[i] * inverse
             to_goal += weight * out
             for a in range(np.uint32(indptr[i]), np.uint32(indptr[i + np.uint32(1)])):
                 j = np.uint32(indices[a])
-                step = probability[a] * (w[j] * inverse)
+                step = fine.probability[a] * (w[j] * inverse)
                 out += step
-                other = parent[j]
+                other = fine.parent[j]
                 if other == node:
                     continue
                 step *= 0.5 * weight
                 total += step
                 for b in range(begin, end):
-                    if coarse_indices[b] == other:
-                        coarse_probability[b] += step
+                    if coarse.indices[b] == other:
+                        coarse.probability[b] += step
                         break
             if conditioned:
                 lost += weight * (1.0 - out)
                 out = max(out, 1.0)
             else:
-                lost += weight * loss[i] * loss_scale
-                out += loss[i]
+                lost += weight * fine.loss[i] * loss_scale
+                out += fine.loss[i]
             share[i] = weight * out
         if conditioned:
             to_goal *= GOAL_CONDUCTANCE
@@ -286,37 +259,21 @@ def _weigh(
         if total == 0.0:
             total = 1.0
         for a in range(begin, end):
-            coarse_probability[a] /= total
-        coarse_goal[node] = to_goal / total
-        coarse_loss[node] = lost / total
-        coarse_log_weight[node] = top + 2.0 * np.log2(largest) + np.log2(total)
+            coarse.probability[a] /= total
+        coarse.goal[node] = to_goal / total
+        coarse.loss[node] = lost / total
+        coarse.log_weight[node] = top + 2.0 * np.log2(largest) + np.log2(total)
         for k in range(first, stop):
             share[np.uint32(children[k])] /= total
 
 
 @njit(cache=True)
-def _weigh_serial(
-    w, parent, indptr, indices, probability, goal, loss, log_weight, share,
-    first_child, children, coarse_indptr, coarse_indices, coarse_probability, coarse_goal, coarse_loss, coarse_log_weight,
-    conditioned, loss_scale, stale,
-):  # fmt: skip
-    _weigh(
-        0, len(first_child) - 1, w, parent, indptr, indices, probability, goal, loss, log_weight, share,
-        first_child, children, coarse_indptr, coarse_indices, coarse_probability, coarse_goal, coarse_loss, coarse_log_weight,
-        conditioned, loss_scale, stale,
-    )  # fmt: skip
+def _weigh_serial(w, fine, coarse, conditioned, loss_scale, stale):
+    _weigh(0, len(coarse.blocks), w, fine, coarse, conditioned, loss_scale, stale)
 
 
 @njit(cache=True, parallel=True)
-def _weigh_parallel(
-    w, parent, indptr, indices, probability, goal, loss, log_weight, share,
-    first_child, children, coarse_indptr, coarse_indices, coarse_probability, coarse_goal, coarse_loss, coarse_log_weight,
-    conditioned, loss_scale, stale,
-):  # fmt: skip
-    n = len(first_child) - 1
+def _weigh_parallel(w, fine, coarse, conditioned, loss_scale, stale):
+    n = len(coarse.blocks)
     for k in prange(CHUNKS):
-        _weigh(
-            n * k // CHUNKS, n * (k + 1) // CHUNKS, w, parent, indptr, indices, probability, goal, loss, log_weight, share,
-            first_child, children, coarse_indptr, coarse_indices, coarse_probability, coarse_goal, coarse_loss, coarse_log_weight,
-            conditioned, loss_scale, stale,
-        )  # fmt: skip
+        _weigh(n * k // CHUNKS, n * (k + 1) // CHUNKS, w, fine, coarse, conditioned, loss_scale, stale)

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robocar.core import Array, Detection, Image, Landmark
+from robocar.core.compiling import warm_up
 from robocar.estimation.landmarks import cones
 
 HUES: dict[str, tuple[float, float]] = {
@@ -114,7 +115,7 @@ class BallDetector:
             self._known[color] = (float(np.mean([mark.radius for mark in group])), min(heights), max(heights))
         self._classes = _hue_classes()
         self._rays = _Rays()
-        _compile()
+        _warm_up()
 
     def detect(self, image: Image) -> tuple[Detection, ...]:
         """Bearing and range in the robot's frame of every ball in the picture; a detection's `landmark` is its colour.
@@ -260,8 +261,8 @@ def _measured(color: str, axis: Array, half_angle: float, angles: Array, rays: _
     return Ball(color, axis, half_angle, whole, covariance, pixel, rays.focal * math.tan(half_angle) / float(axis[2]) ** 1.5)
 
 
-def _compile() -> None:
-    """Calls what is compiled once, so that the loop never waits for it."""
+@warm_up
+def _warm_up() -> None:
     angles = np.linspace(0.0, 6.0, 12)
     units = np.stack([0.1 * np.cos(angles), 0.1 * np.sin(angles), np.full(12, math.sqrt(0.99))], axis=1)
     axis, _, _ = cones.fit(units, 0.01)

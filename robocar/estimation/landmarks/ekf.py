@@ -53,17 +53,12 @@ class KalmanFilterEstimator:
 
     def __init__(self, context: Context) -> None:
         self._parameters = context.parameters_of(KalmanParameters)
-        self._motion = context.parameters_of(MotionParameters)
+        self._motion = context.part("motion").parameters_of(MotionParameters)
         self._senses = Senses(context, "ekf")
         self._atlas = Atlas(context.landmarks)
-        self._start = context.start
-        self.reset(context.rng)
-
-    def reset(self, rng: np.random.Generator) -> None:
-        self._senses.reset()
-        self._pose = self._start or SE2()
+        self._pose = context.start or SE2()
         p = self._parameters
-        known = self._start is not None
+        known = context.start is not None
         std = (p.initial_std_xy, p.initial_std_xy, p.initial_std_theta) if known else _LOST_STD
         # Of x, y, theta and the biases of way and turn, in units of their standard deviation.
         self._covariance = np.diag(np.square([*std, 1.0, 1.0]))
@@ -87,7 +82,7 @@ class KalmanFilterEstimator:
                 trace["localization/state"] = Text("two landmarks tell where the car is")
         if sensed.detections and self._found:
             trace["sightings"] = sight_lines(self._pose, sensed.detections)
-        return Belief(self._pose, self._covariance[:3, :3].copy(), sensed.twist, None, trace)
+        return Belief(self._pose, self._covariance[:3, :3].copy(), sensed.twist, None, trace, sensed.odom_from_robot)
 
     def _move(self, step: SE2, velocity: bool) -> None:
         way, turn = arc_of(step)

@@ -20,7 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robocar.core import SE2, Array, Belief, Command, Context, Detection, Observation, Scalar, Segments, Text
+from robocar.core import SE2, Array, Belief, Command, Context, Detection, Landmark, Observation, Scalar, Segments, Text
+from robocar.core.compiling import warm_up
 from robocar.core.trace import Drawable
 from robocar.estimation.landmarks import estimates, resampling, sensor_models
 from robocar.estimation.landmarks.area import Area
@@ -217,18 +218,12 @@ class ParticleFilterEstimator:
 
     def __init__(self, context: Context) -> None:
         self._parameters = context.parameters_of(FilterParameters)
-        self._motion = context.parameters_of(MotionParameters)
+        self._motion = context.part("motion").parameters_of(MotionParameters)
         self._senses = Senses(context, "particle-filter")
-        self._atlas = Atlas(context.landmarks)
-        self._area = Area(context.prior, context.landmarks)
-        self._start = context.start
-        self._compile()
-        self.reset(context.rng)
-
-    def reset(self, rng: np.random.Generator) -> None:
-        self._senses.reset()
-        self.filter = ParticleFilter(self._parameters, self._motion, self._atlas, self._area, self._start, rng)
-        self._lost = self._start is None
+        atlas, area = Atlas(context.landmarks), Area(context.prior, context.landmarks)
+        self.filter = ParticleFilter(self._parameters, self._motion, atlas, area, context.start, context.rng)
+        self._lost = context.start is None
+        _warm_up()
 
     def update(self, observation: Observation, command: Command) -> Belief:
         sensed = self._senses.update(observation, command)
@@ -245,7 +240,7 @@ class ParticleFilterEstimator:
         if sensed.detections:
             trace["sightings"] = sight_lines(estimate.pose, sensed.detections)
         weighted = np.concatenate([self.filter.particles, self.filter.weights[:, None]], axis=1)
-        return Belief(estimate.pose, estimate.covariance, sensed.twist, weighted, trace)
+        return Belief(estimate.pose, estimate.covariance, sensed.twist, weighted, trace, sensed.odom_from_robot)
 
     def _say_whether_lost(self, trace: dict[str, Drawable]) -> None:
         share = self.filter.lost_share
@@ -258,19 +253,25 @@ class ParticleFilterEstimator:
                 message = Text("what is seen fits again")
             trace["localization/state"] = message
 
-    def _compile(self) -> None:
-        """Runs every compiled step once, so that the loop never waits for it."""
-        rng = np.random.default_rng(0)
-        detection = Detection(0.0, next(iter(self._atlas)), 0.0, 1.0, np.eye(2))
-        for step, velocity in ((SE2(0.1, 0.0, 0.1), True), (SE2(0.1, 0.0, 0.1), False)):
-            trial = ParticleFilter(self._parameters, self._motion, self._atlas, self._area, None, rng)
-            trial.predict(step, velocity)
-            trial.weigh([detection])
-            trial.resample([detection])
-            trial.estimate()
-        for scheme in resampling.SCHEMES.values():
-            scheme(trial.weights, 2, rng)
-        resampling.occupied_bins(trial.particles, np.arange(2), 0.1, 0.1)
+
+@warm_up
+def _warm_up() -> None:
+    """Every compiled step of every model."""
+    rng, motion = np.random.default_rng(0), MotionParameters()
+    ball = Landmark("red", "red", np.array([1.0, 0.0, 0.4]), 0.1)
+    atlas, area = Atlas((ball,)), Area(None, (ball,))
+    detection = Detection(0.0, "red", 0.0, 1.0, np.eye(2))
+    for model in MODELS:
+        trial = ParticleFilter(FilterParameters(model=model), motion, atlas, area, None, rng)
+        for velocity in (True, False):
+            trial.predict(SE2(0.1, 0.0, 0.1), velocity)
+        trial.weigh([detection])
+        trial.resample([detection])
+        trial.estimate()
+    weights = np.full(4, 0.25)
+    for scheme in resampling.SCHEMES.values():
+        scheme(weights, 2, rng)
+    resampling.occupied_bins(np.zeros((4, 3)), np.arange(2), 0.1, 0.1)
 
 
 def sight_lines(pose: SE2, detections: Sequence[Detection]) -> Segments:

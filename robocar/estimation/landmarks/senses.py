@@ -24,6 +24,7 @@ class Sensed:
         step: robot_from_next_robot since the last tick.
         commanded: whether the step comes from speeds and not from wheels or poses.
         twist: of the robot.
+        odom_from_robot: the pose by odometry alone, from wherever the robot was first.
         detections: of landmarks, in the robot's frame of now.
         trace: the balls found in a new picture.
     """
@@ -31,6 +32,7 @@ class Sensed:
     step: SE2
     commanded: bool
     twist: Twist
+    odom_from_robot: SE2
     detections: tuple[Detection, ...]
     trace: Trace
 
@@ -51,12 +53,8 @@ class Senses:
             raise ScenarioError(f"estimator {estimator!r} needs a camera and the car has none; fit it: robot.camera=true")
         if not context.landmarks:
             raise ScenarioError(f"estimator {estimator!r} needs landmarks, and the scenario has none")
-        self._context = replace(context, start=SE2())
-        self._detector = BallDetector(context.landmarks, context.parameters_of(BallParameters))
-        self.reset()
-
-    def reset(self) -> None:
-        self._odometry = OdometryEstimator(self._context)
+        self._detector = BallDetector(context.landmarks, context.part("detector").parameters_of(BallParameters))
+        self._odometry = OdometryEstimator(replace(context.part("odometry"), start=SE2()))
         self._pose = SE2()
         self._past: deque[tuple[float, SE2]] = deque()
         self._commanded = False
@@ -84,7 +82,7 @@ class Senses:
             trace = {"balls": circles([ball for ball, _ in found])}
         current = (self._now(detection) for detection in seen)
         detections = tuple(d for d in current if d is not None and self._is_new(d))
-        return Sensed(step, self._commanded, belief.twist, detections, trace)
+        return Sensed(step, self._commanded, belief.twist, self._pose, detections, trace)
 
     def _now(self, detection: Detection) -> Detection | None:
         """The detection as it would be made now; None where it is too old."""

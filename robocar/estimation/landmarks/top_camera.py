@@ -31,6 +31,7 @@ from robocar.core import (
     OccupancyGrid,
     Points,
     ScenarioError,
+    declares,
 )
 from robocar.core.trace import Drawable
 from robocar.estimation.landmarks.balls import HUES
@@ -161,15 +162,11 @@ class TopCameraEstimator:
         _require_camera(context, "estimator")
         self._parameters = context.parameters_of(TopCameraPoseParameters)
         self._noise = OdometryParameters()
-        self._context = context
-        self.reset(context.rng)
-
-    def reset(self, rng: np.random.Generator) -> None:
-        self._odometry = OdometryEstimator(self._context)
+        self._odometry = OdometryEstimator(context.part("odometry"))
         self._reckoned: SE2 | None = None
         self._past: list[tuple[float, SE2]] = []
-        self._pose = self._context.start or SE2()
-        std = np.array([0.02, 0.02, 0.03]) if self._context.start is not None else np.array([10.0, 10.0, math.pi])
+        self._pose = context.start or SE2()
+        std = np.array([0.02, 0.02, 0.03]) if context.start is not None else np.array([10.0, 10.0, math.pi])
         self._covariance = np.diag(std**2)
 
     def update(self, observation: Observation, command: Command) -> Belief:
@@ -190,21 +187,16 @@ class TopCameraEstimator:
             self._covariance = np.diag([p.position_std**2, p.position_std**2, p.heading_std**2])
             spots = np.array([seen.apply(FRONT, 0.0), seen.apply(REAR, 0.0)])
             trace["markers"] = Points(spots, color=(0, 220, 220), radius=MARKER_RADIUS)
-        return Belief(self._pose, self._covariance.copy(), belief.twist, None, trace)
+        return Belief(self._pose, self._covariance.copy(), belief.twist, None, trace, belief.pose)
 
 
 class TopCameraMapper:
     """`top-camera`: obstacles as an occupancy grid, anew from each picture; where the car stands, as before."""
 
-    sees_everything = True
-
     def __init__(self, context: Context) -> None:
         _require_camera(context, "mapper")
         self._parameters = context.parameters_of(TopMapParameters)
         self._place = context.prior
-        self.reset(context.rng)
-
-    def reset(self, rng: np.random.Generator) -> None:
         self._grid: OccupancyGrid | None = None
 
     def update(self, belief: Belief, observation: Observation) -> None:
@@ -263,6 +255,7 @@ def build(context: Context) -> TopCameraEstimator:
     return TopCameraEstimator(context)
 
 
+@declares(complete=True)
 def build_mapper(context: Context) -> TopCameraMapper:
     """The mapper `top-camera`."""
     return TopCameraMapper(context)

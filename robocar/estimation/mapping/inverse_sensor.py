@@ -11,6 +11,7 @@ beams of one scan are no independent looks at the same cell. `stamp` (rows, cols
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -19,6 +20,46 @@ from numpy.typing import NDArray
 NEVER_SEEN = np.float32(0.0)
 _NUDGE = np.float32(1e-6)  # what a sum that comes to exactly 0 becomes: it has been seen
 _SURFACE = 0.5  # [cells] behind the echo: the cell of the obstacle, not the one before it, whichever way the noise goes
+
+
+class LaserModel(NamedTuple):
+    """What a beam says.
+
+    Args:
+        max_range: of the laser [cells].
+        hit_range: up to which its ends are marked [cells].
+        silent_range: up to which a beam without return is free [cells].
+        hit: change of the log-odds where a beam ends, > 0.
+        miss: change of the log-odds of what it passed, < 0.
+    """
+
+    max_range: float
+    hit_range: float
+    silent_range: float
+    hit: float
+    miss: float
+
+
+class SonarModel(NamedTuple):
+    """What a reading says.
+
+    Args:
+        half_width: of the cone [rad].
+        hit_range: up to which echoes are marked [cells].
+        free_range: up to which the cone is cleared [cells].
+        hit: log-odds that the arc's cells share.
+        miss: change of the log-odds of a cell on the axis at the sensor, with an echo.
+        silent_miss: the same without one.
+        solid: log-odds above which a cell is known to be occupied.
+    """
+
+    half_width: float
+    hit_range: float
+    free_range: float
+    hit: float
+    miss: float
+    silent_miss: float
+    solid: float
 
 
 @njit(cache=True)
@@ -30,7 +71,7 @@ def _add(log_odds: NDArray, row: int, col: int, change: float, low: float, high:
 @njit(cache=True)
 def update_laser(
     log_odds: NDArray, stamp: NDArray, mark: int, x: float, y: float, theta: float, ranges: NDArray, bearings: NDArray,
-    max_range: float, hit_range: float, silent_range: float, hit: float, miss: float, low: float, high: float,
+    model: LaserModel, low: float, high: float,
 ) -> None:  # fmt: skip
     """One scan: ends of beams are occupied, what they passed is free; a cell that is both is occupied.
 
@@ -40,9 +81,10 @@ def update_laser(
     Args:
         x, y, theta: the sensor's pose.
         ranges: (n,), bearings: in the sensor's frame, (n,) [rad].
-        hit, miss: changes of the log-odds, miss < 0; low, high: their bounds.
+        low, high: bounds of the log-odds.
     """
     rows, cols = log_odds.shape
+    max_range, hit_range, silent_range, hit, miss = model
     for i in range(len(ranges)):
         reading = ranges[i]
         if not (0.0 <= reading <= min(hit_range, max_range)):
@@ -92,8 +134,8 @@ def _fan(k: int, rays: int, half_width: float) -> float:
 
 @njit(cache=True)
 def update_sonar(
-    log_odds: NDArray, stamp: NDArray, mark: int, x: float, y: float, axis: float, reading: float, half_width: float,
-    hit_range: float, free_range: float, hit: float, miss: float, silent_miss: float, solid: float, low: float, high: float,
+    log_odds: NDArray, stamp: NDArray, mark: int, x: float, y: float, axis: float, reading: float, model: SonarModel,
+    low: float, high: float,
 ) -> None:  # fmt: skip
     """One reading: somewhere on the arc at its range stands something, and inside the cone before it nothing does.
 
@@ -109,9 +151,10 @@ def update_sonar(
 
     Args:
         x, y: the sensor's place; axis: of the cone; reading: range of the echo, inf for none.
-        hit: log-odds that the arc's cells share; miss, silent_miss: of a cell on the axis at the sensor.
+        low, high: bounds of the log-odds.
     """
     rows, cols = log_odds.shape
+    half_width, hit_range, free_range, hit, miss, silent_miss, solid = model
     echo = reading <= hit_range
     change = silent_miss if reading == math.inf else miss
     reach = min(reading, free_range)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robocar.core import SE2, Array, Belief, Context, Observation, OccupancyGrid, ParameterError, Scan
+from robocar.core.compiling import warm_up
 from robocar.estimation.mapping import inverse_sensor as model
 from robocar.estimation.mapping.log_odds_grid import LogOddsGrid
 
@@ -86,16 +87,9 @@ class OccupancyMapper:
         self._bounds = log_odds(p.clamping_thres_min), log_odds(p.clamping_thres_max)
         self._laser_weights = log_odds(p.prob_hit), log_odds(p.prob_miss)
         self._sonar_weights = log_odds(p.sonar_prob_hit), log_odds(p.sonar_prob_miss), log_odds(p.sonar_prob_silent)
-        self._compile()
-        self._forget()
-
-    def reset(self, rng: np.random.Generator) -> None:
-        """An empty map; there is no chance in it."""
-        self._forget()
-
-    def _forget(self) -> None:
-        self._grid = LogOddsGrid(self.parameters.resolution, log_odds(_OCCUPIED) - 1e-6)
+        self._grid = LogOddsGrid(p.resolution, log_odds(_OCCUPIED) - 1e-6)
         self._stood: SE2 | None = None
+        _warm_up()
 
     def update(self, belief: Belief, observation: Observation) -> None:
         """Takes in the scans of this tick.
@@ -132,9 +126,10 @@ class OccupancyMapper:
         if not self._touch(world_from_sensor, reach[used], bearings[used]):
             return
         grid = self._grid
+        laser = model.LaserModel(scan.max_range / size, p.laser_hit_range / size, silent / size, *self._laser_weights)
         model.update_laser(
-            grid.log_odds, grid.stamp, grid.next_mark(), *grid.local(world_from_sensor), ranges / size, bearings,
-            scan.max_range / size, p.laser_hit_range / size, silent / size, *self._laser_weights, *self._bounds,
+            grid.log_odds, grid.stamp, grid.next_mark(), *grid.local(world_from_sensor), ranges / size, bearings, laser,
+            *self._bounds,
         )  # fmt: skip
 
     def _take_sonar(self, world_from_sensor: SE2, scan: Scan) -> None:
@@ -150,10 +145,11 @@ class OccupancyMapper:
             self._touch(world_from_sensor, np.full(5, 1.01 * reach + size), rim)
             grid = self._grid
             x, y, theta = grid.local(world_from_sensor)
+            ranges = p.sonar_hit_range / size, free / size
+            sonar = model.SonarModel(half, *ranges, *self._sonar_weights, log_odds(_OCCUPIED))
             model.update_sonar(
-                grid.log_odds, grid.stamp, grid.next_mark(), x, y, theta + bearing, reading / size, half,
-                p.sonar_hit_range / size, free / size, *self._sonar_weights, log_odds(_OCCUPIED), *self._bounds,
-            )  # fmt: skip
+                grid.log_odds, grid.stamp, grid.next_mark(), x, y, theta + bearing, reading / size, sonar, *self._bounds
+            )
 
     def _touch(self, world_from_sensor: SE2, reach: Array, bearings: Array) -> bool:
         """Makes room for rays (n,) [m, rad] from the sensor; whether there are any."""
@@ -179,17 +175,15 @@ class OccupancyMapper:
         x, y, _ = self._grid.local(pose)
         model.update_disc(self._grid.log_odds, x, y, r / size, self._laser_weights[1], *self._bounds)
 
-    def _compile(self) -> None:
-        """Compiles, or loads, the kernels outside the control loop."""
-        self._forget()
-        size = self.parameters.resolution
-        ranges = np.array([2.0 * size, math.nan])
-        self._take_laser(SE2(), Scan(0.0, ranges, np.zeros(2), 4.0 * size))
-        self._take_sonar(SE2(), Scan(0.0, ranges, np.zeros(2), 4.0 * size, 0.2))
-        self._radius, radius = size, self._radius
-        self._stand(SE2())
-        self._radius = radius
-        self._grid.snapshot()
+
+@warm_up
+def _warm_up() -> None:
+    mapper = OccupancyMapper(True, True, 0.1)
+    size = mapper.parameters.resolution
+    ranges = np.array([2.0 * size, math.nan])
+    laser, sonar = (Scan(0.0, ranges, np.zeros(2), 4.0 * size, beam_width) for beam_width in (0.0, 0.2))
+    mapper.update(Belief(SE2()), Observation(0.0, lidar=laser, sonars=(sonar,)))
+    mapper.grid()
 
 
 def build_laser(context: Context) -> OccupancyMapper:

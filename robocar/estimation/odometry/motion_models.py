@@ -164,7 +164,7 @@ class MotionParameters:
     """Noise of the motion; see the module's table for the alphas.
 
     Args:
-        motion: `odometry`, `velocity`, or `auto`: the velocity model where the log holds speeds instead of wheels or poses.
+        model: `odometry`, `velocity`, or `auto`: the velocity model where the log holds speeds instead of wheels or poses.
         noise: `normal` or `triangular`.
         alpha1, alpha2, alpha3, alpha4: of the odometry model: identified for the Robocar from its physics, with the tolerances
             that each run draws (`experiments/motion_noise.py`).
@@ -174,7 +174,7 @@ class MotionParameters:
             car depends on its load) and for commanded speeds: estimated along the way.
     """
 
-    motion: str = "auto"
+    model: str = "auto"
     noise: str = "normal"
     alpha1: float = 2e-4
     alpha2: float = 2e-4
@@ -188,8 +188,8 @@ class MotionParameters:
     velocity_bias_std: float = 0.1
 
     def __post_init__(self) -> None:
-        if self.motion not in ("auto", "odometry", "velocity"):
-            raise ValueError(f"motion is auto, odometry or velocity, not {self.motion!r}")
+        if self.model not in ("auto", "odometry", "velocity"):
+            raise ValueError(f"model is auto, odometry or velocity, not {self.model!r}")
         if self.noise not in ("normal", "triangular"):
             raise ValueError(f"noise is normal or triangular, not {self.noise!r}")
         for field in fields(self):
@@ -199,7 +199,7 @@ class MotionParameters:
 
     def by_velocity(self, commanded: bool) -> bool:
         """Which model is meant, for odometry that is `commanded` speeds or not."""
-        return self.motion == "velocity" or (self.motion == "auto" and commanded)
+        return self.model == "velocity" or (self.model == "auto" and commanded)
 
     def bias(self, velocity: bool) -> float:
         """Standard deviation of the biases of the velocity or of the odometry model."""

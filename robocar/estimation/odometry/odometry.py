@@ -81,14 +81,10 @@ class OdometryEstimator:
 
     def __init__(self, context: Context) -> None:
         self._parameters = context.parameters_of(OdometryParameters)
-        self._calibration = context.robot.calibration
-        self._start = context.start or SE2()
-        self.reset(context.rng)
-
-    def reset(self, rng: np.random.Generator) -> None:
-        self._wheels = WheelOdometry(self._calibration, self._start)
+        start = context.start or SE2()
+        self._wheels = WheelOdometry(context.robot.calibration, start)
         self._covariance = np.zeros((3, 3))
-        self._pose = self._start
+        self._pose = start
         self._twist = Twist()
         self._time: float | None = None
         self._last_odom: SE2 | None = None

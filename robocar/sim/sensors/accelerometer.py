@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
+import mujoco
 
 from robocar.core import Array, Reading
-from robocar.sim.sensors.base_pose import BasePose
+from robocar.sim.sensors.sensor import Fitting, SensorType
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,11 +20,10 @@ class AccelerometerParameters:
     std: float = 0.05
 
 
-class Accelerometer:
-    """Acceleration forward and to the left [m/s^2]; `sensor` is MuJoCo's view of the sensor's three numbers."""
+def reader(fitting: Fitting, parameters: AccelerometerParameters) -> Callable[[float], Reading[Array]]:
+    """Acceleration forward and to the left [m/s^2]."""
+    measured, std, rng = fitting.sensor_data(), parameters.std, fitting.rng
+    return lambda time: Reading(time, measured[:2] + std * rng.standard_normal(2))
 
-    def __init__(self, sensor: Array, parameters: AccelerometerParameters, rng: np.random.Generator) -> None:
-        self._sensor, self._std, self._rng = sensor, parameters.std, rng
 
-    def read(self, time: float, _: BasePose) -> Reading[Array]:
-        return Reading(time, self._sensor[:2] + self._std * self._rng.standard_normal(2))
+SENSOR = SensorType(AccelerometerParameters, reader, element=mujoco.mjtSensor.mjSENS_ACCELEROMETER)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
-from robocar.core import Array, Reading
-from robocar.sim.sensors.base_pose import BasePose
+import mujoco
+
+from robocar.core import Reading
+from robocar.sim.sensors.sensor import Fitting, SensorType
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,11 +20,10 @@ class BumperParameters:
     threshold: float = 0.5
 
 
-class Bumper:
-    """Whether it is pressed; `sensor` is MuJoCo's view of the touch sensor's number."""
+def reader(fitting: Fitting, parameters: BumperParameters) -> Callable[[float], Reading[bool]]:
+    """Whether it is pressed."""
+    force, threshold = fitting.sensor_data(), parameters.threshold
+    return lambda time: Reading(time, bool(force[0] > threshold))
 
-    def __init__(self, sensor: Array, parameters: BumperParameters) -> None:
-        self._sensor, self._threshold = sensor, parameters.threshold
 
-    def read(self, time: float, _: BasePose) -> Reading[bool]:
-        return Reading(time, bool(self._sensor[0] > self._threshold))
+SENSOR = SensorType(BumperParameters, reader, element=mujoco.mjtSensor.mjSENS_TOUCH, firmware_input="bumper")

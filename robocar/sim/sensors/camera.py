@@ -1,14 +1,13 @@
-"""Offscreen pictures from the cameras of the model."""
+"""The camera on a robot."""
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
-import mujoco
-import numpy as np
-
-from robocar.core import Array, Image
+from robocar.core import Image
+from robocar.sim.sensors.offscreen import OffscreenCamera
+from robocar.sim.sensors.sensor import Fitting, SensorType
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,46 +20,17 @@ class CameraParameters:
     height: int = 120
 
 
-@dataclass(frozen=True, slots=True)
-class TopCameraParameters:
-    """The camera above the field; its size in pixels."""
+def reader(fitting: Fitting, parameters: CameraParameters) -> Callable[[float], Image]:
+    """Pictures; their pose relative to the robot's base."""
+    name = fitting.prefix + fitting.mount.element
+    camera = OffscreenCamera(fitting.model, fitting.data, name, (parameters.width, parameters.height), fitting.shown)
+    fitting.at_close.callback(camera.close)
 
-    period: float = 0.2
-    delay: float = 0.0
-    width: int = 640
-    height: int = 480
+    def read(time: float) -> Image:
+        base = fitting.base_pose()
+        return camera.read(time, base.position, base.rotation)
+
+    return read
 
 
-# MuJoCo's camera frame looks along -z with y up; OpenCV's along +z with y down.
-_MUJOCO_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
-
-
-class OffscreenCamera:
-    """Renders one camera: no shadows, no reflections, no multisampling (the world asks for none)."""
-
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, camera: str, width: int, height: int) -> None:
-        self._model, self._data = model, data
-        self._camera = model.camera(camera).id
-        self._renderer = mujoco.Renderer(model, height, width)
-        for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
-            self._renderer.scene.flags[flag] = False
-        focal = 0.5 * height / math.tan(0.5 * math.radians(float(model.cam_fovy[self._camera])))
-        self.intrinsics = np.array([[focal, 0.0, width / 2], [0.0, focal, height / 2], [0.0, 0.0, 1.0]])
-
-    def read(self, time: float, base_position: Array | None, base_rotation: Array | None) -> Image:
-        """A picture of this instant; its pose relative to the base, or in the world where no base is given."""
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_camlight(self._model, self._data)
-        self._renderer.update_scene(self._data, self._camera)
-        pixels = self._renderer.render()
-        transform = np.eye(4)
-        rotation = self._data.cam_xmat[self._camera].reshape(3, 3) @ _MUJOCO_FROM_OPENCV
-        position = self._data.cam_xpos[self._camera]
-        if base_position is not None and base_rotation is not None:
-            rotation = base_rotation.T @ rotation
-            position = base_rotation.T @ (position - base_position)
-        transform[:3, :3], transform[:3, 3] = rotation, position
-        return Image(time, pixels, self.intrinsics, transform)
-
-    def close(self) -> None:
-        self._renderer.close()
+SENSOR = SensorType(CameraParameters, reader)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from robocar.core import Reading, wrap_angle
-from robocar.sim.sensors.base_pose import BasePose
+from robocar.sim.sensors.sensor import Fitting, SensorType
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,16 +20,17 @@ class CompassParameters:
     resolution: float = 0.1
 
 
-class Compass:
+def reader(fitting: Fitting, parameters: CompassParameters) -> Callable[[float], Reading[float]]:
     """Heading in the map frame."""
+    std, step = math.radians(parameters.std), math.radians(parameters.resolution)
 
-    def __init__(self, parameters: CompassParameters, rng: np.random.Generator) -> None:
-        self._std = math.radians(parameters.std)
-        self._step = math.radians(parameters.resolution)
-        self._rng = rng
-
-    def read(self, time: float, pose: BasePose) -> Reading[float]:
-        heading = pose.heading + self._std * self._rng.standard_normal()
-        if self._step > 0:
-            heading = self._step * round(heading / self._step)
+    def read(time: float) -> Reading[float]:
+        heading = fitting.base_pose().heading + std * fitting.rng.standard_normal()
+        if step > 0:
+            heading = step * round(heading / step)
         return Reading(time, wrap_angle(heading))
+
+    return read
+
+
+SENSOR = SensorType(CompassParameters, reader, firmware_input="compass")

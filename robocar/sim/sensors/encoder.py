@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from robocar.core import Reading, WheelAngles
-from robocar.sim.sensors.base_pose import BasePose
+from robocar.sim.sensors.sensor import Fitting, SensorType
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,17 +17,14 @@ class EncoderParameters:
     delay: float = 0.0
 
 
-class Encoders:
-    """Angles of the left and the right wheel in whole pulses [rad].
+def reader(fitting: Fitting, _: EncoderParameters) -> Callable[[float], Reading[WheelAngles]]:
+    """Angles of the left and the right wheel in whole pulses [rad], as the firmware counts them."""
 
-    Args:
-        counts: pulses since the start, left and right, as the firmware counts them.
-        pulse: angle of one pulse [rad].
-    """
+    def read(time: float) -> Reading[WheelAngles]:
+        left, right = fitting.counts()
+        return Reading(time, WheelAngles(left * fitting.pulse, right * fitting.pulse))
 
-    def __init__(self, counts: Callable[[], tuple[int, int]], pulse: float) -> None:
-        self._counts, self._pulse = counts, pulse
+    return read
 
-    def read(self, time: float, _: BasePose) -> Reading[WheelAngles]:
-        left, right = self._counts()
-        return Reading(time, WheelAngles(left * self._pulse, right * self._pulse))
+
+SENSOR = SensorType(EncoderParameters, reader)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
-from robocar.core import Array, Reading
-from robocar.sim.sensors.base_pose import BasePose
+from robocar.core import Reading
 from robocar.sim.sensors.rays import RayFan
+from robocar.sim.sensors.sensor import Fitting, SensorType
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,17 +24,16 @@ class PsdParameters:
     relative_std: float = 0.02
 
 
-class Psd:
-    """The infrared distance sensor ahead: nearest surface on one ray; nan outside 10 to 80 cm."""
+def reader(fitting: Fitting, parameters: PsdParameters) -> Callable[[float], Reading[float]]:
+    """Nearest surface on one ray ahead; nan outside 10 to 80 cm."""
+    p, rng = parameters, fitting.rng
+    fan = RayFan(fitting, np.array([[1.0, 0.0, 0.0]]), p.max_range)
 
-    def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, origin: Array, parameters: PsdParameters, rng: np.random.Generator
-    ) -> None:
-        self._fan = RayFan(model, data, origin, np.array([[1.0, 0.0, 0.0]]), parameters.max_range)
-        self._parameters, self._rng = parameters, rng
-
-    def read(self, time: float, pose: BasePose) -> Reading[float]:
-        p = self._parameters
-        distance = self._fan.first_echo(pose.position, pose.rotation, 0.0)
-        noisy = distance * (1.0 + p.relative_std * self._rng.standard_normal())
+    def read(time: float) -> Reading[float]:
+        noisy = fan.first_echo(0.0) * (1.0 + p.relative_std * rng.standard_normal())
         return Reading(time, noisy if p.min_range <= noisy <= p.max_range else math.nan)
+
+    return read
+
+
+SENSOR = SensorType(PsdParameters, reader)

@@ -9,9 +9,7 @@ import numpy as np
 from numba import njit
 
 from robocar.core import Array
-
-SEEN_BY_RAYS = np.array([1, 0, 0, 0, 0, 0], dtype=np.uint8)
-"""Geom groups that range sensors see: the world (0), not the car (1) nor what is only to be looked at (2)."""
+from robocar.sim.sensors.sensor import Fitting
 
 
 @njit(cache=True)
@@ -28,12 +26,18 @@ def _first_echo(distances: Array, directions: Array, normals: Array, reach: floa
 
 
 class RayFan:
-    """Rays from a point fixed to the car, cast into the world's surfaces."""
+    """Rays from a sensor's mount, cast into the world's surfaces.
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, origin: Array, directions: Array, reach: float) -> None:
-        """`origin` (3,) and unit `directions` (n, 3) in the frame of the car's base."""
-        self._model, self._data = model, data
-        self._origin = np.asarray(origin, dtype=float)
+    Args:
+        fitting: of the sensor.
+        directions: unit vectors (n, 3) in the frame of the robot's base.
+        reach: [m].
+    """
+
+    def __init__(self, fitting: Fitting, directions: Array, reach: float) -> None:
+        self._model, self._data, self._met = fitting.model, fitting.data, fitting.met_by_rays
+        self._base_pose = fitting.base_pose
+        self._origin = np.asarray(fitting.mount.position, dtype=float)
         self._directions = np.ascontiguousarray(directions, dtype=float)
         self._reach = reach
         count = len(directions)
@@ -44,15 +48,16 @@ class RayFan:
         self._flat = self._turned.ravel(), self._normals.ravel()  # views
         _first_echo(np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)), 1.0, 0.0)  # compiled here, not in the control loop
 
-    def _cast(self, position: Array, rotation: Array) -> None:
-        np.dot(self._directions, rotation.T, out=self._turned)
+    def _cast(self) -> None:
+        base = self._base_pose()
+        np.dot(self._directions, base.rotation.T, out=self._turned)
         directions, normals = self._flat
         mujoco.mj_multiRay(
             self._model,
             self._data,
-            position + rotation @ self._origin,
+            base.position + base.rotation @ self._origin,
             directions,
-            SEEN_BY_RAYS,
+            self._met,
             True,
             -1,
             self._geoms,
@@ -62,20 +67,16 @@ class RayFan:
             self._reach,
         )
 
-    def cast(self, position: Array, rotation: Array) -> Array:
-        """Distances (n,) [m], inf where nothing is in reach.
-
-        Args:
-            position, rotation: world_from_base, (3,) [m] and (3, 3).
-        """
-        self._cast(position, rotation)
+    def cast(self) -> Array:
+        """Distances at this instant (n,) [m], inf where nothing is in reach."""
+        self._cast()
         return np.where((self._distances < 0) | (self._distances > self._reach), np.inf, self._distances)
 
-    def first_echo(self, position: Array, rotation: Array, min_cosine: float) -> float:
+    def first_echo(self, min_cosine: float) -> float:
         """The nearest surface that is not seen at too grazing an angle [m], inf if there is none.
 
         Args:
             min_cosine: of the angle of incidence, measured from the surface's normal.
         """
-        self._cast(position, rotation)
+        self._cast()
         return float(_first_echo(self._distances, self._turned, self._normals, self._reach, min_cosine))

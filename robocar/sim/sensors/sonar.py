@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from robocar.core import Array, RangeSensor, Scan
-from robocar.sim.sensors.base_pose import BasePose
 from robocar.sim.sensors.rays import RayFan
+from robocar.sim.sensors.sensor import Fitting, Mount, SensorType
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,8 +18,13 @@ class SonarParameters:
     """A 40 kHz ultrasonic ranger.
 
     Args:
-        period, delay: [s]; beam_width: full cone angle [deg]; min_range, max_range: [m].
-        range_std: noise [m]; relative_std: noise as a share of the range.
+        period: [s].
+        delay: [s].
+        beam_width: full cone angle [deg].
+        min_range: [m].
+        max_range: [m].
+        range_std: noise [m].
+        relative_std: noise as a share of the range.
         max_incidence: surfaces seen at a larger angle from their normal send no echo back [deg].
         dropout: share of readings that are lost (nan).
     """
@@ -55,42 +60,36 @@ def cone_rays(beam_width: float) -> Array:
     return np.array(rays)
 
 
-class Sonar:
+def geometry(mount: Mount, parameters: SonarParameters) -> RangeSensor:
+    """Its one beam."""
+    p = parameters
+    return RangeSensor(
+        mount.label, mount.robot_from_sensor, np.zeros(1), math.radians(p.beam_width), p.min_range, p.max_range, p.period
+    )
+
+
+def reader(fitting: Fitting, parameters: SonarParameters) -> Callable[[float], Scan]:
     """Hears the first echo within its cone; echoes from surfaces at grazing incidence are lost."""
+    p, rng = parameters, fitting.rng
+    sensor = geometry(fitting.mount, p)
+    mount = sensor.robot_from_sensor
+    c, s = math.cos(mount.theta), math.sin(mount.theta)
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    fan = RayFan(fitting, cone_rays(sensor.beam_width) @ turn.T, p.max_range)
+    min_cosine = math.cos(math.radians(p.max_incidence))
 
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        sensor: RangeSensor,
-        height: float,
-        parameters: SonarParameters,
-        rng: np.random.Generator,
-    ) -> None:
-        self._sensor, self._parameters, self._rng = sensor, parameters, rng
-        mount = sensor.robot_from_sensor
-        c, s = math.cos(mount.theta), math.sin(mount.theta)
-        turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-        directions = cone_rays(sensor.beam_width) @ turn.T
-        self._fan = RayFan(model, data, np.array([mount.x, mount.y, height]), directions, parameters.max_range)
-        self._min_cosine = math.cos(math.radians(parameters.max_incidence))
-
-    def read(self, time: float, pose: BasePose) -> Scan:
-        p = self._parameters
-        first = self._fan.first_echo(pose.position, pose.rotation, self._min_cosine)
+    def read(time: float) -> Scan:
+        first = fan.first_echo(min_cosine)
         # The same draws whatever was heard, so that one echo more does not change the noise of all later ones.
-        noise, lost = self._rng.standard_normal(), self._rng.random()
+        noise, lost = rng.standard_normal(), rng.random()
         if math.isfinite(first):
             first = first + noise * math.hypot(p.range_std, p.relative_std * first)
             first = max(first, p.min_range) if first <= p.max_range else math.inf
         if lost < p.dropout:
             first = math.nan
-        return Scan(
-            time,
-            np.array([first]),
-            self._sensor.bearings,
-            p.max_range,
-            self._sensor.beam_width,
-            self._sensor.robot_from_sensor,
-            self._sensor.name,
-        )
+        return Scan(time, np.array([first]), sensor.bearings, p.max_range, sensor.beam_width, mount, sensor.name)
+
+    return read
+
+
+SENSOR = SensorType(SonarParameters, reader, geometry)

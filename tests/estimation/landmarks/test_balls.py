@@ -14,11 +14,12 @@ import pytest
 from robocar.core import SE2, Array, Detection, Image, Landmark, OccupancyGrid, wrap_angle
 from robocar.core.solids import Box
 from robocar.estimation.landmarks.balls import HUES, BallDetector
-from robocar.sim.car import PREFIX, FitOut
+from robocar.sim.fit_out import FitOut
+from robocar.sim.robot_handle import RobotSetup
 from robocar.sim.sensors.base_pose import base_pose
-from robocar.sim.sensors.camera import OffscreenCamera
-from robocar.sim.simulation import Simulation
-from robocar.sim.world import LIGHTING, build_world
+from robocar.sim.sensors.offscreen import OffscreenCamera
+from robocar.sim.world import World
+from robocar.sim.world_spec import LIGHTING, build_world
 
 CORNERS = tuple(
     Landmark(color, color, np.array([x, y, 0.4]), 0.1)
@@ -31,11 +32,11 @@ FIELD = OccupancyGrid(np.zeros((25, 35), dtype=np.int8), 0.1)
 class Studio:
     """A car with a camera that can be put anywhere."""
 
-    simulation: Simulation
+    simulation: World
     camera: OffscreenCamera
 
     def picture(self, pose: SE2) -> Image:
-        self.simulation.kidnap(pose)
+        self.simulation.robot.kidnap(pose)
         base = base_pose(self.simulation.data.qpos[:7])
         return self.camera.read(0.0, base.position, base.rotation)
 
@@ -48,8 +49,8 @@ def studio(
     spec = build_world(FIELD, landmarks=landmarks, lighting=lighting, **world)
     if tint is not None:
         spec.material("wall").rgba = [*tint, 1.0]
-    simulation = Simulation(spec, start=SE2(1.75, 1.25), seed=0, fit_out=FitOut(camera=True))
-    camera = OffscreenCamera(simulation.model, simulation.data, PREFIX + "camera", *size)
+    simulation = World(spec, [RobotSetup(SE2(1.75, 1.25), fit_out=FitOut(camera=True))], seed=0)
+    camera = OffscreenCamera(simulation.model, simulation.data, "robocar/camera", size)
     try:
         yield Studio(simulation, camera)
     finally:
@@ -234,7 +235,7 @@ def test_the_detector_sees_whatever_the_pan_servo_does() -> None:
     """A panned camera: the same ball at the same bearing in the robot's frame."""
     mark, pose = CORNERS[1], SE2(1.5, 1.0, -0.6)
     with studio(CORNERS) as stage:
-        joint = stage.simulation.model.joint(PREFIX + "pan").qposadr[0]
+        joint = stage.simulation.model.joint("robocar/pan").qposadr[0]
         stage.simulation.data.qpos[joint] = 1.2
         image = stage.picture(pose)
         seen = [d for d in BallDetector(CORNERS).detect(image) if d.landmark == "green"]

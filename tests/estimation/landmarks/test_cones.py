@@ -1,8 +1,9 @@
-"""Cones of rays. Oracles: the cone that the rays were drawn from, and the spread of repeated fits."""
+"""Cones of rays. Oracles: the cone that the rays were drawn from, the spread of repeated fits, and the fit written with numpy."""
 
 import math
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -42,6 +43,78 @@ def test_rays_of_a_cone_or_of_a_part_of_it_give_it_back(
     np.testing.assert_allclose(found, axis, atol=1e-6)
     assert math.isclose(angle, half_angle, abs_tol=1e-6)
     assert inliers.all()
+
+
+def off_cone(units: np.ndarray, axis: np.ndarray, half_angle: float) -> np.ndarray:
+    """How far rays (n, 3) are off a cone, (n,) [rad]."""
+    return np.abs(np.arctan2(np.linalg.norm(np.cross(units, axis), axis=1), units @ axis) - half_angle)
+
+
+def around_their_mean(units: np.ndarray) -> np.ndarray:
+    """Places of the rays (n, 3) in the order in which they lie around their mean, from right over down, (n,)."""
+    axis = units.mean(axis=0)
+    axis /= np.linalg.norm(axis)
+    right = np.array([axis[2], 0.0, -axis[0]])
+    down = np.cross(axis, right)
+    return np.argsort(np.arctan2(units @ down, units @ right) % math.tau, kind="stable")
+
+
+def consensus(units: np.ndarray, tolerance: float) -> tuple[np.ndarray, float]:
+    """Of the cones through three rays, a third, a quarter, a sixth and a ninth of the rim apart, the first one with most rays."""
+    ring, found = units[around_their_mean(units)], []
+    for share in (3, 4, 6, 9):
+        step = max(1, len(ring) // share)
+        for start in range(0, len(ring), max(1, len(ring) // 16)):
+            a, b, c = (ring[(start + k * step) % len(ring)] for k in range(3))
+            axis = np.cross(b - a, c - a)  # at right angles to the plane through their tips
+            if np.linalg.norm(axis) >= 1e-12:
+                axis *= np.sign(axis @ a) / np.linalg.norm(axis)
+                half_angle = math.acos(min(1.0, axis @ a))
+                found.append((np.count_nonzero(off_cone(units, axis, half_angle) < tolerance), axis, half_angle))
+    _, axis, half_angle = max(found, key=lambda cone: cone[0])
+    return axis, half_angle
+
+
+def naive_fit(units: np.ndarray, tolerance: float) -> tuple[np.ndarray, float, np.ndarray]:
+    """Consensus, then three times least squares: u . w = 1 for rays u of a cone, w = axis / cos(half
+    angle). Half angle 0 where fewer than six rays lie on the cone."""
+    axis, half_angle = consensus(units, tolerance)
+    near = off_cone(units, axis, half_angle) < tolerance
+    for _ in range(3):
+        if np.count_nonzero(near) < 6:
+            return axis, 0.0, near
+        w = np.linalg.lstsq(units[near], np.ones(np.count_nonzero(near)), rcond=None)[0]
+        axis, half_angle = w / np.linalg.norm(w), math.acos(min(1.0, 1.0 / float(np.linalg.norm(w))))
+        near = off_cone(units, axis, half_angle) < tolerance
+    return axis, half_angle if np.count_nonzero(near) >= 6 else 0.0, near
+
+
+@pytest.mark.parametrize("outliers", [0.0, 0.4, 1.0])
+def test_the_fit_is_the_one_written_with_numpy(outliers: float) -> None:
+    """Oracle: consensus and least squares by numpy; noisy rays of a part of a rim, some or all of them anywhere."""
+    rng, rejected = np.random.default_rng(12), 0
+    for _ in range(80):
+        axis, half_angle, n = direction(*rng.uniform(-0.5, 0.5, 2)), rng.uniform(0.02, 0.4), int(rng.integers(6, 80))
+        units = rim(axis, half_angle, rng.uniform(0.0, 6.0) + rng.uniform(2.0, math.tau) * rng.random(n))
+        astray = rng.random(n) < outliers
+        units += rng.normal(0.0, np.where(astray, half_angle, 0.001)[:, None], (n, 3))
+        units /= np.linalg.norm(units, axis=1)[:, None]
+        tolerance = rng.uniform(0.001, 0.01)
+        found, angle, inliers = cones.fit(units, tolerance)
+        expected, expected_angle, expected_inliers = naive_fit(units, tolerance)
+        assert angle == pytest.approx(expected_angle, abs=1e-7)
+        rejected += expected_angle == 0.0
+        if expected_angle > 0.0:
+            np.testing.assert_allclose(found, expected, atol=1e-7)
+            np.testing.assert_array_equal(inliers, expected_inliers)
+    assert rejected < 60
+
+
+@pytest.mark.parametrize("normal", [0, 1])
+def test_rays_of_one_plane_are_no_cone(normal: int) -> None:
+    """By hand: what lies on a straight line of the picture through its middle, as half angle 0."""
+    units = np.insert(np.array([(math.sin(t), math.cos(t)) for t in np.linspace(-0.3, 0.3, 30)]), normal, 0.0, axis=1)
+    assert cones.fit(units, 0.002)[1] == 0.0
 
 
 def test_a_third_of_outliers_on_a_straight_edge_is_rejected() -> None:

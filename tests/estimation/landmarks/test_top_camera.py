@@ -16,10 +16,11 @@ from robocar.core import SE2, STOP, Belief, Image, Landmark, Observation, Occupa
 from robocar.core.solids import Box, Cylinder
 from robocar.estimation.landmarks import top_camera
 from robocar.estimation.landmarks.top_camera import find_car, floor_points, pixels_of
-from robocar.sim.car import FitOut
-from robocar.sim.sensors.camera import OffscreenCamera
-from robocar.sim.simulation import Simulation
-from robocar.sim.world import LIGHTING, build_world
+from robocar.sim.fit_out import FitOut
+from robocar.sim.robot_handle import RobotSetup
+from robocar.sim.sensors.offscreen import OffscreenCamera
+from robocar.sim.world import World
+from robocar.sim.world_spec import LIGHTING, add_top_camera, build_world
 from tests.estimation.landmarks.localization import context
 
 FIELD = OccupancyGrid(np.zeros((50, 70), dtype=np.int8), 0.05)
@@ -28,16 +29,17 @@ INTRINSICS = np.array([[600.0, 0, 320], [0, 600.0, 240], [0, 0, 1]])
 DOWN = np.array([[1.0, 0, 0, 1.7], [0, -1, 0, 1.2], [0, 0, -1, 3.6], [0, 0, 0, 1]])
 
 
-def stage(lighting: str = "default", camera: bool = True, solids=SOLIDS, landmarks: tuple[Landmark, ...] = ()) -> Simulation:
-    world = build_world(FIELD, lighting=lighting, solids=solids, landmarks=landmarks, top_camera=True)
-    return Simulation(world, start=SE2(0.4, 0.4), seed=0, fit_out=FitOut(camera=camera))
+def stage(lighting: str = "default", camera: bool = True, solids=SOLIDS, landmarks: tuple[Landmark, ...] = ()) -> World:
+    world = build_world(FIELD, lighting=lighting, solids=solids, landmarks=landmarks)
+    add_top_camera(world, FIELD)
+    return World(world, [RobotSetup(SE2(0.4, 0.4), fit_out=FitOut(camera=camera))], seed=0)
 
 
-def pictures(simulation: Simulation, poses: list[SE2]) -> list[Image]:
-    camera = OffscreenCamera(simulation.model, simulation.data, "top", 640, 480)
+def pictures(simulation: World, poses: list[SE2]) -> list[Image]:
+    camera = OffscreenCamera(simulation.model, simulation.data, "top", (640, 480))
     taken = []
     for pose in poses:
-        simulation.kidnap(pose)
+        simulation.robot.kidnap(pose)
         image = camera.read(0.0, None, None)
         taken.append(replace(image, pixels=image.pixels.copy()))
     camera.close()
@@ -73,11 +75,12 @@ def test_balls_of_the_markers_colours_are_not_taken_for_them() -> None:
 
 
 def test_no_car_in_a_picture_without_one() -> None:
-    world = build_world(FIELD, solids=SOLIDS, top_camera=True)
+    world = build_world(FIELD, solids=SOLIDS)
+    add_top_camera(world, FIELD)
     model = world.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    camera = OffscreenCamera(model, data, "top", 640, 480)
+    camera = OffscreenCamera(model, data, "top", (640, 480))
     image = camera.read(0.0, None, None)
     camera.close()
     assert find_car(image) is None

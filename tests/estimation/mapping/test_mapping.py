@@ -183,8 +183,6 @@ def test_snapshots_are_made_when_something_has_changed() -> None:
     subject.update(Belief(SE2()), scan([1.0], [1.0]))
     assert subject.grid() is not first
     assert np.array_equal(first.data, before)
-    subject.reset(np.random.default_rng(0))
-    assert subject.grid() is None
 
 
 def test_silence_is_free_up_to_a_limit() -> None:

@@ -1,4 +1,5 @@
-"""Mapping with sonars: the inverse model of one reading against its geometry, and a car between walls against the walls."""
+"""Mapping with sonars: the inverse model of one reading against its geometry and against the same model cell by cell in plain
+Python; a car between walls against the walls."""
 
 from __future__ import annotations
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from robocar.core import (
     SE2,
@@ -27,6 +29,7 @@ from robocar.core import (
 )
 from robocar.core.rays import cast_rays
 from robocar.estimation.mapping import mapping
+from robocar.estimation.mapping.inverse_sensor import SonarModel, update_sonar
 from robocar.estimation.mapping.mapping import MappingParameters, OccupancyMapper, log_odds
 
 INF, NAN = math.inf, math.nan
@@ -131,6 +134,67 @@ def test_silence_says_little() -> None:
     assert np.hypot(px, py)[free < 0].max() <= MappingParameters().sonar_silent_range + SIZE
     assert 0.0 > free.min() > 0.5 * log_odds_of(heard)[0].min()
     assert not silent.grid().free.any()  # type: ignore[union-attr]
+
+
+Cell = tuple[int, int]
+
+
+def changes(grid: NDArray, at: tuple[float, float, float], reading: float, model: SonarModel) -> dict[Cell, float]:
+    """What a reading changes of the log-odds of cells, each cell once: those of the arc, then those before it."""
+    x, y, axis = at
+    change: dict[Cell, float] = {}
+
+    def cell(offset: float, distance: float) -> Cell | None:
+        row, col = math.floor(y + distance * math.sin(axis + offset)), math.floor(x + distance * math.cos(axis + offset))
+        return (row, col) if 0 <= row < grid.shape[0] and 0 <= col < grid.shape[1] else None
+
+    reach = min(reading, model.free_range)
+    each_side = 1 + int(2.0 * model.half_width * (reading if reading <= model.hit_range else reach))
+    from_the_axis = sorted(range(-each_side, each_side + 1), key=lambda k: (abs(k), k))
+    # What share of the half width they are off the axis, and by what angle; those of a cone without width are all on it.
+    rays = [(k / each_side if model.half_width > 0.0 else 0.0, model.half_width * k / each_side) for k in from_the_axis]
+    if reading <= model.hit_range:
+        odds: dict[Cell, float] = {}
+        for share, offset in rays:
+            found = cell(offset, reading + 0.5)
+            if found is not None and found not in odds:
+                odds[found] = max(1.0 - share**2, 0.05) * math.exp(grid[found])
+        change = {found: model.hit * value / sum(odds.values()) for found, value in odds.items()}
+    for share, offset in rays:
+        for distance in np.arange(0.25, 0.5 * int(2.0 * reach), 0.5).tolist():
+            found = cell(offset, distance)
+            if found is None:
+                break
+            # A wall as the map is when the ray comes to it: this echo may have made it, an earlier ray unmade it.
+            wall = clamped(grid[found] + change.get(found, 0.0)) > model.solid
+            miss = model.silent_miss if reading == INF else model.miss
+            change.setdefault(found, miss * (1.0 - share**2) * (1.0 - (distance / reach) ** 2))
+            if wall:
+                break
+    return change
+
+
+def clamped(value: float) -> float:
+    return min(max(value, -2.0), 3.5)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.05, 0.13, 0.5]), st.one_of(st.just(INF), st.floats(0.0, 40.0)),
+    st.sampled_from([0.0, 0.03, 0.3]),
+)  # fmt: skip
+def test_a_reading_changes_the_log_odds_as_in_plain_python(seed: int, half_width: float, reading: float, walls: float) -> None:
+    """Oracle: the model ray by ray, with the changed cells in a dict; from anywhere on or beside a map with walls."""
+    rng = np.random.default_rng(seed)
+    grid = np.where(rng.random((30, 35)) < walls, rng.uniform(0.5, 3.5, (30, 35)), rng.uniform(-2.0, 0.3, (30, 35)))
+    grid = grid.astype(np.float32)
+    at = (float(rng.uniform(-2.0, 37.0)), float(rng.uniform(-2.0, 32.0)), float(rng.uniform(-7.0, 7.0)))
+    model = SonarModel(half_width, 30.0, float(rng.uniform(1.0, 25.0)), 1.3, -0.6, -0.15, 0.9)
+    expected = grid.copy()
+    for cell, change in changes(grid, at, reading, model).items():
+        expected[cell] = clamped(grid[cell] + change)
+    update_sonar(grid, np.zeros(grid.shape, dtype=np.uint8), 1, *at, reading, model, -2.0, 3.5)
+    np.testing.assert_allclose(grid, expected, atol=1e-5)
 
 
 @pytest.mark.parametrize("reading", [NAN, -1.0, -INF, 5.01, 1e300])

@@ -110,7 +110,7 @@ def test_the_propagated_covariance_is_the_spread_of_the_samples() -> None:
     np.testing.assert_allclose(sampled[:3, 3:], stated[:3, 3:], atol=3e-4)
 
 
-@pytest.mark.parametrize("bad", [{"motion": "flying"}, {"noise": "pink"}, {"alpha1": -1.0}, {"velocity_alpha3": math.nan}])
+@pytest.mark.parametrize("bad", [{"model": "flying"}, {"noise": "pink"}, {"alpha1": -1.0}, {"velocity_alpha3": math.nan}])
 def test_senseless_parameters_are_refused(bad: dict) -> None:
     with pytest.raises(ValueError, match=next(iter(bad))):
         MotionParameters(**bad)
@@ -118,4 +118,4 @@ def test_senseless_parameters_are_refused(bad: dict) -> None:
 
 def test_the_model_follows_from_the_odometry() -> None:
     assert [MotionParameters().by_velocity(commanded) for commanded in (True, False)] == [True, False]
-    assert [MotionParameters(motion="velocity").by_velocity(commanded) for commanded in (True, False)] == [True, True]
+    assert [MotionParameters(model="velocity").by_velocity(commanded) for commanded in (True, False)] == [True, True]

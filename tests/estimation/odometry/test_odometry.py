@@ -94,10 +94,8 @@ class TestClosedForms:
         odometry.update(DT, WheelAngles(101.0, 121.0))
         assert_pose(odometry.pose, 1.0 + RADIUS, 0.0, 0.0)
 
-    def test_reset_begins_anew(self) -> None:
+    def test_it_begins_at_the_start_that_it_is_told(self) -> None:
         estimator = build(context(SE2(1.0, 0.0, 0.0)))
-        reckon(estimator, Twist(0.3, 0.2), 1.0)
-        estimator.reset(np.random.default_rng(0))
         belief = estimator.update(seen(0.0, Twist()), STOP)
         assert belief.pose == SE2(1.0, 0.0, 0.0)
         assert np.array_equal(belief.covariance, np.zeros((3, 3)))

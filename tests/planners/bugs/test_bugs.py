@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba.core.registry import CPUDispatcher
 
-from robocar.core import OCCUPIED, SE2, STOP, Belief, Goal, Observation, OccupancyGrid, ParameterError, Scan, Text, Twist
+from robocar.core import OCCUPIED, SE2, STOP, Belief, Goal, Observation, OccupancyGrid, ParameterError, Scan, State, Text, Twist
 from robocar.episode.registry import build
-from robocar.planners.bugs.local_planner import Bug
+from robocar.planners.bugs.bug import Bug
 from robocar.planners.bugs.open_points import VirtualCircle
 from robocar.planners.bugs.view import BugParameters, free_way, narrow_gap
 from tests.planners.beams import Disc, Drives, drive, laser_car, scan_of
@@ -119,11 +119,11 @@ def test_it_stands_while_all_beams_are_lost_and_goes_on_after() -> None:
     bug = build("navigator", "ocpb", context(robot, None, START))
     scan = scan_of(robot, world, START, 0.0)
     dead = Scan(0.0, np.full(360, np.nan), scan.bearings, scan.max_range)
-    stopped = bug.command(Belief(START), None, Observation(0.0, lidar=dead), GOAL)
+    stopped = bug.command(State.of(Belief(START)), Observation(0.0, lidar=dead), GOAL)
     assert stopped.twist == Twist()
     assert isinstance(stopped.trace["bug"], Text)
-    assert bug.command(Belief(START), None, Observation(0.1), GOAL).twist == STOP.twist
-    twists = [bug.command(Belief(START), None, Observation(0.2 + 0.1 * k, lidar=scan), GOAL).twist for k in range(6)]
+    assert bug.command(State.of(Belief(START)), Observation(0.1), GOAL).twist == STOP.twist
+    twists = [bug.command(State.of(Belief(START)), Observation(0.2 + 0.1 * k, lidar=scan), GOAL).twist for k in range(6)]
     assert twists[-1].v > 0.0
 
 
@@ -187,5 +187,5 @@ def test_sixteen_sonars_will_do() -> None:
     world = room((2.0, 1.1, 2.4, 1.9))
     for name in ("ocpb", "bug2"):
         bug = build("navigator", name, context(robot, None, START))
-        assert isinstance(bug.local_planner, Bug)
+        assert isinstance(bug.controller, Bug)
         assert drive_by_sonar(bug, robot, world, START, GOAL, ticks=2000).status == "success"

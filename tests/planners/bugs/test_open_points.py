@@ -1,4 +1,4 @@
-"""Open points, sub-goals and the virtual circle. Oracles: eq. 1-6 of the paper, the world's corners, numpy."""
+"""Open points, sub-goals and the virtual circle. Oracles: eq. 1-6 of the paper, the world's corners, the rules with numpy."""
 
 import math
 from dataclasses import replace
@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 
 from robocar.core import OCCUPIED, SE2, Footprint, Observation, OccupancyGrid, ParameterError, Robot, Scan
 from robocar.core.rays import cast_rays
-from robocar.planners.bugs.open_points import OpenPoint, VirtualCircle, find_open_points
+from robocar.planners.bugs.open_points import OpenPoint, VirtualCircle, find_open_points, open_point_rows
 from robocar.planners.tracking.panorama import ScanPanorama, Surround, middle
 from tests.planners.beams import MAX_RANGE, laser_car, scan_of
+from tests.planners.bugs import open_points_reference as reference
 from tests.planners.kinematic import car
 
 WIDE = math.radians(25.0)
@@ -147,6 +148,30 @@ def test_noise_on_long_walls_makes_no_open_points(width: float) -> None:
         seen = panorama_of(np.where(noisy > MAX_RANGE, np.inf, noisy))
         phantoms += sum(point.sure for point in find_open_points(seen, 0.2, 0.01))
     assert phantoms <= 2  # of 800 ends of the visible walls
+
+
+@pytest.mark.parametrize("thin", [True, False], ids=["laser", "sonar"])
+@pytest.mark.parametrize("std", [0.0005, 0.01, 0.05])
+def test_open_points_are_those_of_the_rules_with_numpy(thin: bool, std: float) -> None:
+    """Oracle: the same rules with least squares by numpy; noisy scans among the boxes, or ranges at random, with lost beams."""
+    grid, rng, count, unsure = world(), np.random.default_rng(7), 0, 0
+    for k in range(90):
+        n = int(rng.choice([3, 5, 16, 60, 360]))
+        bearings = np.linspace(-math.pi, math.pi, n, endpoint=False) + rng.uniform(-4.0, 4.0)
+        origin = rng.uniform(0.3, 5.7, 2)
+        if k % 3:
+            ranges = cast_rays(grid, grid.occupied, origin, bearings, 4.0) + rng.normal(0.0, std, n)
+        else:
+            ranges = rng.choice([0.5, 1.0, 1.3, 4.5], n) + rng.normal(0.0, std, n)
+        ranges = np.where(ranges > 4.0, math.inf, np.maximum(ranges, 0.0))
+        for start, lost in zip(rng.integers(n, size=n // 12), rng.integers(1, 8, n // 12), strict=True):
+            ranges[np.arange(start, start + lost) % n] = math.nan
+        seen = ScanPanorama(0.0, origin, bearings, ranges, 4.0, math.tau / n, thin)
+        found, expected = open_point_rows(seen, 0.2, std), reference.rows(seen, 0.2, std)
+        np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-7)
+        count, unsure = count + len(found), unsure + np.count_nonzero(found[:, 5] == 0.0)
+    assert count > 500
+    assert (unsure > 5) == thin
 
 
 def test_lost_beams_do_not_matter_and_unseen_directions_have_no_ends() -> None:

@@ -15,23 +15,32 @@ from robocar.core import (
     SE2,
     Belief,
     Command,
+    Controller,
     Costmap,
     Drive,
     GiveUp,
     Goal,
     Lines,
-    LocalPlanner,
     Observation,
     OccupancyGrid,
     Path,
     Robot,
+    State,
     Twist,
 )
 from robocar.paths import MODELS
 from robocar.planners.controllers import dwa
 from robocar.planners.controllers.dwa import DwaParameters, DynamicWindow
 from robocar.planners.controllers.steering import SteeringParameters
-from robocar.planners.controllers.trajectory_costs import outline_cost, path_distance, rollouts
+from robocar.planners.controllers.trajectory_costs import (
+    NEVER,
+    RobotBody,
+    RolloutAim,
+    RolloutHorizon,
+    outline_cost,
+    path_distance,
+    rollouts,
+)
 from robocar.planners.costmap.layered import CostmapParameters, inflate, safe_cost
 from robocar.planners.geometry.collision import footprint_free
 from robocar.planners.navigators.plan_and_follow import plan_and_avoid
@@ -41,14 +50,15 @@ from tests.planners.kinematic import DT, car, context, drive
 from tests.planners.navigators.test_plan_and_follow import field
 
 OPEN = Costmap(np.zeros((120, 120), dtype=np.uint8), 0.05, SE2(-3.0, -3.0))
+POINT, TWO_SECONDS = RobotBody(np.empty((0, 2)), 2.7, 0.0), RolloutHorizon(0.1, 20, 5, NEVER)
 
 
 def planner(robot: Robot | None = None, **parameters: object) -> DynamicWindow:
     return DynamicWindow(robot or car(), DT, DwaParameters(**parameters), inflation=CostmapParameters())  # type: ignore[arg-type]
 
 
-def at(pose: SE2, local: LocalPlanner, costmap: Costmap | None, path: Path | None, goal: Goal, tick: int = 0) -> Command:
-    return local.command(Belief(pose), path, costmap, Observation(tick * DT), goal)
+def at(pose: SE2, local: Controller, costmap: Costmap | None, path: Path | None, goal: Goal, tick: int = 0) -> Command:
+    return local.command(State.of(Belief(pose)), path, costmap, Observation(tick * DT), goal)
 
 
 def drives(
@@ -73,7 +83,7 @@ def test_a_twist_that_is_kept_leads_along_its_arc(v: float, omega: float, theta:
     goal = np.array([end.x, end.y])
     limits, samples = np.array([16.0, 4.0]), np.array([[v / 0.05, omega]])
     path = np.array([[60.0, 60.0], [90.0, 60.0]])
-    terms = rollouts(OPEN.data, start, limits, samples, 0.1, 20, np.empty((0, 2)), 2.7, 0.0, path, goal, 0.0, 5, NONE)[0]
+    terms = rollouts(OPEN.data, start, limits, samples, POINT, RolloutAim(path, goal, 0.0), TWO_SECONDS, NONE)[0]
     collides, cost, near, off, way, turned, *_ = terms
     assert (collides, cost) == (0.0, 0.0)
     assert near * 0.05 <= 1e-3
@@ -85,9 +95,9 @@ def test_a_twist_that_is_kept_leads_along_its_arc(v: float, omega: float, theta:
 def test_accelerations_are_kept_on_the_way_to_a_twist() -> None:
     """By hand: from rest at 0.8 m/s^2 in steps of 0.1 s to 0.4 m/s: 0.08, 0.16 ... 0.40, then on: 0.08 (1 + 2 + 3 + 4) 0.1 + 16
     times 0.04 = 0.72 m."""
-    start, samples, nothing = np.array([10.0, 60.0, 0.0, 0.0, 0.0]), np.array([[8.0, 0.0]]), np.empty((0, 2))
+    start, samples, limits = np.array([10.0, 60.0, 0.0, 0.0, 0.0]), np.array([[8.0, 0.0]]), np.array([16.0, 4.0])
     goal, path = np.array([110.0, 60.0]), np.array([[10.0, 60.0], [110.0, 60.0]])
-    terms = rollouts(OPEN.data, start, np.array([16.0, 4.0]), samples, 0.1, 20, nothing, 2.7, 0.0, path, goal, 0.0, 5, NONE)
+    terms = rollouts(OPEN.data, start, limits, samples, POINT, RolloutAim(path, goal, 0.0), TWO_SECONDS, NONE)
     assert terms[0, 4] * 0.05 == pytest.approx(0.72)
     assert terms[0, 2] * 0.05 == pytest.approx(5.0 - 0.72)
 
@@ -274,13 +284,14 @@ def test_the_car_speeds_up_and_turns_as_its_trajectories_say() -> None:
     0.06 rad of where the planner's own simulation has it; so the accelerations are the car's."""
     simulation = robocar.simulate({"map": str(MODELS / "maps" / "cluttered.yaml"), "start": [0.5, 0.5, 0.3], "goal": [1, 1]})
     try:
-        limits, dt = simulation.robot.limits, simulation.control_period
-        simulation.sense()
+        limits, dt = simulation.robot.robot.limits, simulation.control_period
+        simulation.robot.sense()
         start, expected, twist = simulation.ground_truth().pose, SE2(), Twist()
         for _ in range(round(1.5 / dt)):
             twist = Twist(min(0.4, twist.v + limits.acc_lim_x * dt), min(0.8, twist.omega + limits.acc_lim_theta * dt))
-            simulation.act(Drive(twist))
-            simulation.sense()
+            simulation.robot.act(Drive(twist))
+            simulation.step()
+            simulation.robot.sense()
             expected = expected @ twist.step(dt)
         moved = start.inverse() @ simulation.ground_truth().pose
     finally:

@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 
 from robocar.core import SE2, Drive, Goal, Path, Twist
 from robocar.planners.controllers import mppi
-from robocar.planners.controllers.mppi import MPPI, MppiParameters, _correlate, sample_costs
+from robocar.planners.controllers.mppi import MPPI, MppiParameters
+from robocar.planners.controllers.sampled_controls import ControlLimits, CostWeights, Sampling, correlate, sample_costs
+from robocar.planners.controllers.trajectory_costs import RobotBody, RolloutAim
 from robocar.planners.costmap.layered import CostmapParameters, inflate
 from robocar.planners.geometry.collision import footprint_free
 from robocar.planners.navigators.plan_and_follow import plan_and_avoid
@@ -30,7 +32,7 @@ def planner(seed: int = 0, **parameters: object) -> MPPI:
 def test_noise_has_its_variance_and_correlation(correlation: float) -> None:
     """Analytic: an AR(1) process of variance 1, correlation rho^k at lag k; 40 000 samples, five standard errors."""
     noise = np.random.default_rng(0).standard_normal((40_000, 12, 2))
-    _correlate(noise, correlation)
+    correlate(noise, correlation)
     for lag in (0, 1, 4):
         found = np.mean(noise[:, 7, 0] * noise[:, 7 + lag, 0])
         assert found == pytest.approx(correlation**lag, abs=5 * math.sqrt(2.0 / 40_000))
@@ -47,15 +49,14 @@ def test_costs_are_those_of_the_trajectories(seed: int) -> None:
     costs = inflate(grid, robot.footprint.inscribed_radius, CostmapParameters(walled=False)).data
     outline = np.array(robot.footprint.vertices / 0.05)
     start = np.array([60.0, 60.0, rng.uniform(-1, 1), 4.0, 0.5])
-    limits = np.array([16.0, 4.0, 8.0, 1.5, 1.0, 0.0])
+    limits = ControlLimits(16.0, 4.0, 0.0, 8.0, 1.5, 1.0)
     mean = np.column_stack([rng.uniform(0, 8, 12), rng.uniform(-1, 1, 12)])
     noise = rng.standard_normal((6, 12, 2))
     path, goal = np.array([[60.0, 60.0], [75.0, 66.0], [90.0, 60.0]]), np.array([85.0, 62.0])
-    weights = np.array([0.01, 0.02, 0.03, 0.2, 0.002])
+    weights = CostWeights(0.01, 0.02, 0.03, 0.2, 0.002)
     scale = np.array([4.0, 0.8])
-    found, controls = sample_costs(
-        costs, start, limits, mean, noise, scale, 0.1, outline, 2.9, 0.0, path, goal, 3.0, weights, NONE
-    )
+    sampling, body, aim = Sampling(mean, noise, scale, 0.1), RobotBody(outline, 2.9, 0.0), RolloutAim(path, goal, 3.0)
+    found, controls = sample_costs(costs, start, limits, sampling, body, aim, weights, NONE)
     for k in range(6):
         x, y, theta, v, w = start
         total, near, off, free = 0.0, math.inf, [], True

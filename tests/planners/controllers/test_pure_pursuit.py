@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robocar.core import SE2, Belief, Costmap, Footprint, Goal, Observation, Path, Twist
+from robocar.core import SE2, Belief, Costmap, Footprint, Goal, Observation, Path, State, Twist
 from robocar.planners.controllers.pure_pursuit import PurePursuit, PurePursuitParameters
 from robocar.planners.geometry.collision import footprint_free
 from robocar.planners.geometry.polyline import blocked_ahead, nearest_on_path, point_ahead
@@ -97,7 +97,7 @@ def follow(path: Path, pose: SE2, goal: Goal, costmap: Costmap | None = None, ti
     planner = PurePursuit(car(), DT)
     poses, twists = [pose], []
     for _ in range(ticks):
-        twists.append(planner.command(Belief(poses[-1]), path, costmap, OBSERVATION, goal).twist)
+        twists.append(planner.command(State.of(Belief(poses[-1])), path, costmap, OBSERVATION, goal).twist)
         poses.append(poses[-1] @ twists[-1].step(DT))
         if twists[-1] == Twist() and goal.reached(poses[-1]):
             break
@@ -157,7 +157,7 @@ def test_it_backs_out_of_where_it_cannot_turn() -> None:
     speeds = []
     for _ in range(200):
         goal = Goal(pose.position, heading=math.pi / 2)  # to turn wherever it is
-        twist = planner.command(Belief(pose), None, costmap, OBSERVATION, goal).twist
+        twist = planner.command(State.of(Belief(pose)), None, costmap, OBSERVATION, goal).twist
         speeds.append(twist.v)
         pose = pose @ twist.step(DT)
         x, y = (np.array(pose.position) + 0.4) / 0.01
@@ -192,7 +192,7 @@ def test_near_obstacles_it_is_slower_but_passes() -> None:
 
 def test_without_a_path_it_drives_to_the_goal() -> None:
     """Straight ahead of the car: no turning."""
-    twist = PurePursuit(car(), DT).command(Belief(SE2()), None, None, OBSERVATION, Goal(np.array([1.0, 0.0]))).twist
+    twist = PurePursuit(car(), DT).command(State.of(Belief(SE2())), None, None, OBSERVATION, Goal(np.array([1.0, 0.0]))).twist
     assert twist == Twist(0.05, 0.0)  # one control period of 1 m/s^2
 
 

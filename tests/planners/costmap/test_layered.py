@@ -267,7 +267,7 @@ def test_readings_that_no_surface_gives_change_nothing(seed: int, width: float) 
     for _ in range(20):
         ranges = np.where(rng.random(9) < 0.2, np.nan, -rng.uniform(1e-6, 0.1, 9))
         pose = SE2(*rng.uniform(-0.3, 0.0, 2), rng.uniform(-3.0, 3.0))
-        layer.update(pose, Observation(0.0, (Scan(0.0, ranges, rng.uniform(-3.0, 3.0, 9), 6.0, width),)))
+        layer.update(pose, Observation(0.0, sonars=(Scan(0.0, ranges, rng.uniform(-3.0, 3.0, 9), 6.0, width),)))
     assert layer.costmap() is before
 
 

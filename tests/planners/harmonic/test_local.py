@@ -23,6 +23,7 @@ from robocar.core import (
     OccupancyGrid,
     ParameterError,
     Path,
+    State,
     Text,
     Twist,
 )
@@ -69,7 +70,9 @@ def test_in_a_corridor_it_heads_for_the_middle_as_the_closed_form_says(origin: S
     middle = rows * RESOLUTION / 2
     start = origin @ SE2(6.0, middle + offset, 0.0)
     goal = Goal(origin.transform(np.array([18.0, middle])))
-    way = origin.inverse().transform(way_of(follower(horizon=1.5).command(Belief(start), None, corridor, NOTHING, goal)))
+    way = origin.inverse().transform(
+        way_of(follower(horizon=1.5).command(State.of(Belief(start)), None, corridor, NOTHING, goal))
+    )
     k = math.pi / ((rows + 1) * RESOLUTION)
     expected = np.arcsin(math.sin(k * offset) * np.exp(-k * (way[:, 0] - 6.0))) / k
     np.testing.assert_allclose(way[:, 1] - middle, expected, atol=0.006)
@@ -102,7 +105,7 @@ def test_the_path_it_is_given_is_not_followed() -> None:
     for path in (None, crooked):
         local, pose, twists = follower(), SE2(0.5, 0.5, 0.3), []
         for _ in range(100):
-            twists.append(local.command(Belief(pose), path, room, NOTHING, goal).twist)
+            twists.append(local.command(State.of(Belief(pose)), path, room, NOTHING, goal).twist)
             pose = pose @ twists[-1].step(DT)
         driven.append(twists)
     assert driven[0] == driven[1]
@@ -114,12 +117,12 @@ def test_what_blocks_the_way_has_the_potential_solved_again_and_what_does_not_ha
     local = follower()
     goal, pose = Goal(np.array([4.5, 1.5])), SE2(0.5, 1.5)
     before = hall(60, 100)
-    assert "harmonic_local" in local.command(Belief(pose), None, before, NOTHING, goal).trace
+    assert "harmonic_local" in local.command(State.of(Belief(pose)), None, before, NOTHING, goal).trace
     aside = hall(60, 100, (2.5, 2.5, 2.8, 2.8))
-    command = local.command(Belief(pose), None, aside, NOTHING, goal)
+    command = local.command(State.of(Belief(pose)), None, aside, NOTHING, goal)
     assert set(command.trace) == {"local", "lookahead"}
     blocked = hall(60, 100, (1.0, 1.3, 1.2, 1.8))
-    command = local.command(Belief(pose), None, blocked, NOTHING, goal)
+    command = local.command(State.of(Belief(pose)), None, blocked, NOTHING, goal)
     assert isinstance(command.trace["harmonic_local"], Text)
     field = command.trace["harmonic/potential"]
     assert isinstance(field, Field)
@@ -137,8 +140,8 @@ def test_what_is_farther_off_than_the_horizon_counts_from_a_new_plan_on(news: st
     path, goal, pose = Path(np.array([[0.5, 1.4], [4.5, 1.5]])), Goal(np.array([4.5, 1.5])), SE2(0.5, 1.4)
     seen = hall(60, 100, (2.5, 0.0, 2.8, 2.0))
     local = follower(horizon=0.5)
-    before = way_of(local.command(Belief(pose), path, hall(60, 100), NOTHING, goal))
-    np.testing.assert_array_equal(way_of(local.command(Belief(pose), path, seen, NOTHING, goal)), before)
+    before = way_of(local.command(State.of(Belief(pose)), path, hall(60, 100), NOTHING, goal))
+    np.testing.assert_array_equal(way_of(local.command(State.of(Belief(pose)), path, seen, NOTHING, goal)), before)
     if news == "a new path":
         path = Path(path.points + 0.0)
     elif news == "another goal":
@@ -146,9 +149,9 @@ def test_what_is_farther_off_than_the_horizon_counts_from_a_new_plan_on(news: st
     elif news == "a larger map":
         seen = hall(61, 100, (2.5, 0.0, 2.8, 2.0))
     else:
-        local.reset(np.random.default_rng(0))
-    after = way_of(local.command(Belief(pose), path, seen, NOTHING, goal))
-    expected = way_of(follower(horizon=0.5).command(Belief(pose), path, seen, NOTHING, goal))
+        local = follower(horizon=0.5)
+    after = way_of(local.command(State.of(Belief(pose)), path, seen, NOTHING, goal))
+    expected = way_of(follower(horizon=0.5).command(State.of(Belief(pose)), path, seen, NOTHING, goal))
     np.testing.assert_allclose(after, expected, atol=1e-9)
     assert np.abs(after[-1] - before[-1]).max() > 0.02
 
@@ -156,13 +159,13 @@ def test_what_is_farther_off_than_the_horizon_counts_from_a_new_plan_on(news: st
 def test_from_blocked_cells_the_way_leads_over_the_nearest_free_one() -> None:
     """By hand: the car stands one cell deep in the left of a box's cells."""
     room = hall(60, 100, (1.0, 1.0, 1.5, 2.0))
-    way = way_of(follower().command(Belief(SE2(1.02, 1.52)), None, room, NOTHING, Goal(np.array([4.0, 1.5]))))
+    way = way_of(follower().command(State.of(Belief(SE2(1.02, 1.52))), None, room, NOTHING, Goal(np.array([4.0, 1.5]))))
     np.testing.assert_allclose(way[:2], [[1.02, 1.52], [0.975, 1.525]], atol=1e-9)
 
 
 def test_near_the_goal_the_way_ends_at_it() -> None:
     goal = Goal(np.array([2.01, 1.49]))
-    way = way_of(follower().command(Belief(SE2(1.5, 1.5)), None, hall(60, 60), NOTHING, goal))
+    way = way_of(follower().command(State.of(Belief(SE2(1.5, 1.5))), None, hall(60, 60), NOTHING, goal))
     np.testing.assert_array_equal(way[-1], goal.position)
 
 
@@ -173,9 +176,9 @@ def test_where_no_streamline_leads_to_the_goal_the_path_is_driven(boxes: list[tu
     """Oracle: pure pursuit alone."""
     room, path, goal = hall(60, 100, *boxes), Path(np.array([[0.5, 0.5], [2.0, 1.0]])), Goal(np.array([4.5, 1.5]))
     belief = Belief(SE2(0.5, 0.5, 0.2))
-    expected = PurePursuit(car(), DT).command(belief, path, room, NOTHING, goal)
+    expected = PurePursuit(car(), DT).command(State.of(belief), path, room, NOTHING, goal)
     assert expected.twist != Twist()
-    assert follower().command(belief, path, room, NOTHING, goal).twist == expected.twist
+    assert follower().command(State.of(belief), path, room, NOTHING, goal).twist == expected.twist
 
 
 def test_outside_the_map_and_without_one_it_still_commands() -> None:
@@ -183,8 +186,8 @@ def test_outside_the_map_and_without_one_it_still_commands() -> None:
     goal, path = Goal(np.array([2.0, 1.5])), Path(np.array([[-1.0, 1.5], [2.0, 1.5]]))
     belief = Belief(SE2(-1.0, 1.5, 0.1))
     for costmap in (hall(60, 60), None):
-        expected = PurePursuit(car(), DT).command(belief, path, costmap, NOTHING, goal)
-        assert follower().command(belief, path, costmap, NOTHING, goal).twist == expected.twist
+        expected = PurePursuit(car(), DT).command(State.of(belief), path, costmap, NOTHING, goal)
+        assert follower().command(State.of(belief), path, costmap, NOTHING, goal).twist == expected.twist
 
 
 def navigate(world: OccupancyGrid, prior: OccupancyGrid | None, start: SE2, goal: Goal, ticks: int = 3000, **parameters: object):
@@ -239,24 +242,25 @@ def test_without_a_way_it_gives_up() -> None:
 
 
 def test_a_second_episode_drives_as_the_first() -> None:
-    """Property: `reset` forgets everything that was seen."""
+    """Property: nothing outlasts the navigator."""
     world = OccupancyGrid(np.zeros((60, 60), dtype=np.int8), RESOLUTION)
-    navigator = harmonic_local.build(context(car(), world, SE2(0.5, 0.5)))
     first, second = [], []
     for drives in (first, second):
+        navigator = harmonic_local.build(context(car(), world, SE2(0.5, 0.5)))
         drives.extend(drive(navigator, car(), world, SE2(0.5, 0.5), Goal(np.array([2.0, 2.2]))).twists)
-        navigator.reset(np.random.default_rng(0))
     assert first == second
     assert len(first) > 50
 
 
 def test_parameters_are_checked_and_reach_their_parts() -> None:
     world = OccupancyGrid(np.zeros((60, 60), dtype=np.int8), RESOLUTION)
-    navigator = harmonic_local.build(context(car(), world, None, horizon=0.7, max_step=0.25, lookahead_dist=0.3))
-    assert isinstance(navigator.local_planner, HarmonicLocal)
-    assert navigator.local_planner.planner is navigator.global_planner
-    assert navigator.local_planner.parameters.horizon == 0.7
-    assert navigator.local_planner.planner.parameters == harmonic.HarmonicParameters(max_step=0.25)
-    assert navigator.local_planner.pursuit.parameters.lookahead_dist == 0.3
+    navigator = harmonic_local.build(
+        context(car(), world, None, controller={"horizon": 0.7, "lookahead_dist": 0.3}, planner={"max_step": 0.25})
+    )
+    assert isinstance(navigator.controller, HarmonicLocal)
+    assert navigator.controller.planner is navigator.global_planner
+    assert navigator.controller.parameters.horizon == 0.7
+    assert navigator.controller.planner.parameters == harmonic.HarmonicParameters(max_step=0.25)
+    assert navigator.controller.pursuit.parameters.lookahead_dist == 0.3
     with pytest.raises(ParameterError, match=r"horizon must be at least 0.1 m, not 0.05"):
-        harmonic_local.build(context(car(), world, None, horizon=0.05))
+        harmonic_local.build(context(car(), world, None, controller={"horizon": 0.05}))

@@ -176,15 +176,14 @@ def test_the_next_start_costs_nothing_and_a_change_of_the_map_is_noticed() -> No
     planner = Harmonic()
     costmap = costmap_of(free, origin=SE2(-1, 2, 0.5))
     start, other, goal = costmap.world_from_cell([(5, 5), (10, 60), (75, 10)])
-    assert planner.plan(costmap, start, goal).expanded > 0
-    assert planner.plan(costmap, other, goal).expanded == 0
+    assert planner.plan(costmap, start, goal).work["cycles"] > 0
+    assert planner.plan(costmap, other, goal).work["cycles"] == 0
     changed = free.copy()
     changed[40, 70:82] = False
     plan = planner.plan(costmap_of(changed, origin=SE2(-1, 2, 0.5)), start, goal)
-    assert plan.expanded > 0
+    assert plan.work["cycles"] > 0
     assert free_everywhere(changed, costmap.grid_from_world(plan.path.points))
-    planner.reset(np.random.default_rng(0))
-    again = planner.plan(costmap_of(changed, origin=SE2(-1, 2, 0.5)), start, goal)
+    again = Harmonic().plan(costmap_of(changed, origin=SE2(-1, 2, 0.5)), start, goal)
     np.testing.assert_allclose(again.path.points[-1], plan.path.points[-1])
     assert again.path.length == pytest.approx(plan.path.length, rel=1e-6)
     blocked = free.copy()

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from robocar.core import (
     OCCUPIED,
     SE2,
-    STOP,
     Belief,
     Drive,
     Field,
@@ -22,12 +21,13 @@ from robocar.core import (
     Observation,
     OccupancyGrid,
     Points,
-    Scalar,
     Scan,
     Serial,
+    State,
     Text,
     Twist,
 )
+from robocar.core.work import total
 from robocar.formats.generated import maze, rooms
 from robocar.planners.controllers import pure_pursuit
 from robocar.planners.costmap.layered import inflate
@@ -94,7 +94,7 @@ def test_an_obstacle_that_the_map_does_not_show_is_driven_around(planner: str) -
     nav = navigator(prior, start, planner)
     drives = drive(nav, car(), world, start, Goal(np.array([4.5, 1.5])))
     assert drives.status == "success"
-    assert nav.replans >= 1
+    assert total(*drives.work)["replans"] >= 1
     assert any(text.startswith("path blocked") for text in texts(drives))
 
 
@@ -108,11 +108,8 @@ def test_without_a_map_it_finds_its_way_around_a_box() -> None:
 def test_the_same_episode_twice_is_bit_identical() -> None:
     world, prior = field(60, 100, (2.2, 1.0, 2.5, 1.9)), field(60, 100)
     start = SE2(0.5, 1.5, 0.0)
-    nav = navigator(prior, start, "d-star-lite")
-    runs = []
-    for _ in range(2):
-        nav.reset(np.random.default_rng(0))
-        runs.append(drive(nav, car(), world, start, Goal(np.array([4.5, 1.5]))).poses)
+    goal = Goal(np.array([4.5, 1.5]))
+    runs = [drive(navigator(prior, start, "d-star-lite"), car(), world, start, goal).poses for _ in range(2)]
     assert runs[0] == runs[1]
 
 
@@ -151,12 +148,13 @@ def test_a_goal_too_near_to_a_wall_is_approached_within_its_tolerance() -> None:
 def test_a_new_goal_is_planned_for_at_once_and_counts_begin_anew() -> None:
     nav = navigator(field(40, 80), SE2(0.5, 1.0))
     for k, goal in enumerate([Goal(np.array([2.0, 1.0])), Goal(np.array([0.6, 0.5]))]):
-        command = nav.command(Belief(SE2(0.5, 1.0)), None, Observation(k * DT), goal)
+        command = nav.command(State.of(Belief(SE2(0.5, 1.0))), Observation(k * DT), goal)
         np.testing.assert_array_equal(command.trace["global"].lines[0][-1], goal.position)
         assert command.trace["plan"].message.startswith("new goal")
-    again = nav.command(Belief(SE2(0.5, 1.0)), None, Observation(0.1), Goal(np.array([0.6, 0.5])))
+        assert set(command.work) == {"expansions"}
+    again = nav.command(State.of(Belief(SE2(0.5, 1.0))), Observation(0.1), Goal(np.array([0.6, 0.5])))
     assert "global" not in again.trace
-    assert nav.replans == 0
+    assert again.work == {}
 
 
 @pytest.mark.parametrize("planner", list(PLANNERS))
@@ -180,30 +178,27 @@ def test_where_there_is_no_way_it_says_so_in_the_end() -> None:
 def test_off_the_path_it_plans_anew() -> None:
     nav = navigator(field(60, 100), SE2(0.5, 1.0))
     goal = Goal(np.array([4.0, 1.0]))
-    nav.command(Belief(SE2(0.5, 1.0)), None, Observation(0.0), goal)
-    assert "global" not in nav.command(Belief(SE2(0.8, 1.2)), None, Observation(0.1), goal).trace
-    command = nav.command(Belief(SE2(1.0, 1.5)), None, Observation(0.2), goal)
+    nav.command(State.of(Belief(SE2(0.5, 1.0))), Observation(0.0), goal)
+    assert "global" not in nav.command(State.of(Belief(SE2(0.8, 1.2))), Observation(0.1), goal).trace
+    command = nav.command(State.of(Belief(SE2(1.0, 1.5))), Observation(0.2), goal)
     np.testing.assert_array_equal(command.trace["global"].lines[0][0], [1.0, 1.5])
-    assert command.trace["replans"] == Scalar(1)
+    assert command.work["replans"] == 1
     assert command.trace["plan"].message.startswith("0.47 m off the path")  # which runs along cell centres, y = 1.025
 
 
 def test_what_a_planning_shows() -> None:
     """Design, section 10: path, costmap, heat map of the search, counts and a line of the log."""
     nav = navigator(field(40, 80), SE2(0.5, 1.0))
-    trace = nav.command(Belief(SE2(0.5, 1.0)), None, Observation(0.0), Goal(np.array([2.0, 1.0]))).trace
+    trace = nav.command(State.of(Belief(SE2(0.5, 1.0))), Observation(0.0), Goal(np.array([2.0, 1.0]))).trace
     kinds = {name: type(drawable) for name, drawable in trace.items()}
-    assert kinds == {
-        "global": Lines, "replans": Scalar, "expanded": Scalar, "plan": Text, "costmap": Field, "search": Field, "lookahead":
-        Points,
-    }  # fmt: skip
+    assert kinds == {"global": Lines, "plan": Text, "costmap": Field, "search": Field, "lookahead": Points}
 
 
 def test_an_obstacle_inside_its_own_inflation_is_escaped_from() -> None:
     """The car stands 7 cm beside a post, too near to plan from there: it plans from the nearest free cell."""
     world = field(40, 80, (1.0, 1.12, 1.1, 1.3))
     nav = navigator(world, SE2(1.05, 1.05))
-    command = nav.command(Belief(SE2(1.05, 1.05)), None, Observation(0.0), Goal(np.array([3.0, 1.0])))
+    command = nav.command(State.of(Belief(SE2(1.05, 1.05))), Observation(0.0), Goal(np.array([3.0, 1.0])))
     assert isinstance(command, Drive)
     path = command.trace["global"].lines[0]
     np.testing.assert_array_equal(path[0], [1.05, 1.05])
@@ -215,9 +210,9 @@ def test_an_obstacle_inside_its_own_inflation_is_escaped_from() -> None:
 
 def test_at_the_goal_it_stands_and_turns_to_its_heading() -> None:
     nav = navigator(field(40, 80), SE2(2.0, 1.0))
-    at_goal = nav.command(Belief(SE2(2.0, 1.0)), None, Observation(0.0), Goal(np.array([2.0, 1.01])))
+    at_goal = nav.command(State.of(Belief(SE2(2.0, 1.0))), Observation(0.0), Goal(np.array([2.0, 1.01])))
     assert at_goal.twist == Twist()
-    turning = nav.command(Belief(SE2(2.0, 1.0)), None, Observation(0.1), Goal(np.array([2.0, 1.01]), heading=1.0))
+    turning = nav.command(State.of(Belief(SE2(2.0, 1.0))), Observation(0.1), Goal(np.array([2.0, 1.01]), heading=1.0))
     assert turning.twist.v == 0.0
     assert turning.twist.omega > 0.0
 
@@ -225,19 +220,16 @@ def test_at_the_goal_it_stands_and_turns_to_its_heading() -> None:
 def test_without_a_goal_it_gives_up() -> None:
     for nav in (navigator(field(40, 80), SE2(0.5, 1.0)), Reactive(Recorder())):
         assert isinstance(nav, Navigator)
-        assert isinstance(nav.command(Belief(SE2()), None, Observation(0.0), None), GiveUp)
+        assert isinstance(nav.command(State.of(Belief(SE2())), Observation(0.0), None), GiveUp)
 
 
 class Recorder:
-    """A local planner that counts how often it is asked."""
+    """A controller that counts how often it is asked."""
 
     def __init__(self, serial: bool = False) -> None:
         self.asked, self.serial = 0, serial
 
-    def reset(self, rng: np.random.Generator) -> None:
-        self.asked = 0
-
-    def command(self, belief, path, costmap, observation, goal):
+    def command(self, state, path, costmap, observation, goal):
         self.asked += 1
         return Serial("M1") if self.serial else Drive(Twist(0.1 * self.asked), trace={"note": Text("asked")})
 
@@ -251,21 +243,19 @@ def test_reactive_asks_at_new_scans_repeats_in_between_and_stops_when_they_stay_
     goal, nav = Goal(np.zeros(2)), Reactive(Recorder())
 
     def speed(observation: Observation) -> float:
-        return nav.command(Belief(SE2()), None, observation, goal).twist.v
+        return nav.command(State.of(Belief(SE2())), observation, goal).twist.v
 
     assert speed(Observation(0.0)) == 0.0
     assert [speed(scan(0.1)), speed(Observation(0.15)), speed(scan(0.2))] == pytest.approx([0.1, 0.1, 0.2])
     assert [speed(Observation(t)) for t in (0.3, 0.7, 0.71, 0.9)] == pytest.approx([0.2, 0.2, 0.0, 0.0])
     assert speed(scan(1.0)) == pytest.approx(0.3)
-    assert nav.command(Belief(SE2()), None, Observation(1.05), goal).trace == {}
-    nav.reset(np.random.default_rng(0))
-    assert nav.command(Belief(SE2()), None, Observation(0.0), goal) == STOP
+    assert nav.command(State.of(Belief(SE2())), Observation(1.05), goal).trace == {}
 
 
 def test_reactive_does_not_send_a_serial_line_twice() -> None:
     goal, nav = Goal(np.zeros(2)), Reactive(Recorder(serial=True))
-    assert nav.command(Belief(SE2()), None, scan(0.0), goal) == Serial("M1")
-    assert nav.command(Belief(SE2()), None, Observation(0.1), goal) == Hold()
+    assert nav.command(State.of(Belief(SE2())), scan(0.0), goal) == Serial("M1")
+    assert nav.command(State.of(Belief(SE2())), Observation(0.1), goal) == Hold()
 
 
 @settings(max_examples=8, deadline=None)

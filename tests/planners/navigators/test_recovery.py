@@ -19,12 +19,13 @@ from robocar.core import (
     OccupancyGrid,
     Path,
     Scan,
+    State,
     Text,
     Twist,
 )
 from robocar.planners.controllers import dwa, pure_pursuit
 from robocar.planners.costmap.layered import CostmapParameters, inflate
-from robocar.planners.navigators.plan_and_follow import PlanAndFollow, plan_and_avoid, plan_and_follow
+from robocar.planners.navigators.plan_and_follow import EvasiveRecovery, PlanAndFollow, plan_and_avoid, plan_and_follow
 from robocar.planners.navigators.recovery import Recovery, RecoveryParameters, Watch
 from robocar.planners.search import a_star
 from tests.planners.kinematic import DT, car, context, drive, sense, touches
@@ -94,28 +95,30 @@ def test_lost_progress_is_standing_within_a_radius_for_a_time() -> None:
     watch = Watch(RecoveryParameters())
     lost = [watch.lost_progress(SE2(0.2 + 0.2 * math.sin(t)), t) for t in np.arange(0.0, 12.0, 0.5)]
     assert lost.index(True) * 0.5 == 10.5
-    watch.forget()
+    watch = Watch(RecoveryParameters())
     assert not any(watch.lost_progress(SE2(0.06 * t), t) for t in np.arange(0.0, 30.0, 0.5))
 
 
 class Blocked:
-    """A local planner that stands, or gives up."""
+    """A controller that stands, or gives up."""
 
     def __init__(self, command: Command) -> None:
         self.answer = command
 
-    def reset(self, rng: np.random.Generator) -> None: ...
-
-    def command(
-        self, belief: Belief, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal
-    ) -> Command:
+    def command(self, state: State, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal) -> Command:
         return self.answer
 
 
 def follower(local: Blocked, recover: bool) -> PlanAndFollow:
     plain = plan_and_follow(context(car(), field(80, 80), START), a_star.build, pure_pursuit.build)
     recovery = Recovery(car(), DT, RecoveryParameters(number_of_retries=4, movement_time_allowance=2.0, wait_duration=1.0))
-    return PlanAndFollow(plain.global_planner, local, plain.costmap, plain.parameters, recovery=recovery if recover else None)
+    return PlanAndFollow(
+        plain.global_planner,
+        local,
+        plain.costmap,
+        plain.parameters,
+        recovery=EvasiveRecovery(recovery, lambda *_: None) if recover else None,
+    )
 
 
 def texts(result: object) -> list[str]:
@@ -160,7 +163,7 @@ def test_a_gate_that_opens_after_some_time_is_waited_for() -> None:
     pose, recovered = start, False
     for tick in range(1600):
         world = closed if tick * DT < 15.0 else open_world
-        command = navigator.command(Belief(pose), None, sense(car(), world, pose, tick * DT), goal)  # type: ignore[arg-type]
+        command = navigator.command(State.of(Belief(pose)), sense(car(), world, pose, tick * DT), goal)  # type: ignore[arg-type]
         assert isinstance(command, Drive), command
         recovered |= "recovery" in command.trace
         pose = pose @ command.twist.step(DT)
@@ -181,7 +184,7 @@ def test_a_laser_that_stops_sending_stops_the_car() -> None:
         time = tick * DT
         sends = tick % 2 == 0 and (time <= 2.0 or time >= 4.0)
         scan = Scan(time, np.full(60, math.inf), bearings, 5.0) if sends else None
-        command = navigator.command(Belief(pose), None, Observation(time, lidar=scan), goal)  # type: ignore[arg-type]
+        command = navigator.command(State.of(Belief(pose)), Observation(time, lidar=scan), goal)  # type: ignore[arg-type]
         assert isinstance(command, Drive)
         log.append((time, command))
         pose = pose @ command.twist.step(DT)
@@ -203,7 +206,7 @@ def test_something_on_the_goal_is_waited_for() -> None:
     pose, waited = start, False
     for tick in range(2400):
         world: OccupancyGrid = taken if tick * DT < 40.0 else prior
-        command = navigator.command(Belief(pose), None, sense(car(), world, pose, tick * DT), goal)  # type: ignore[arg-type]
+        command = navigator.command(State.of(Belief(pose)), sense(car(), world, pose, tick * DT), goal)  # type: ignore[arg-type]
         assert isinstance(command, Drive), command
         message = command.trace.get("recovery")
         waited |= isinstance(message, Text) and "something stands on the goal" in message.message

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robocar.core import SE2, Belief, Costmap, Goal, Observation, Twist
-from robocar.estimation.mapping.no_mapper import NoMapper
+from robocar.core import SE2, Belief, Costmap, Goal, Observation, State, Twist
 from robocar.planners.safe_direction.movers import _HORIZON, Movers, _least_gap
 from robocar.planners.safe_direction.planner import build, build_with_memory
 from robocar.planners.safe_direction.view import window
@@ -92,7 +91,7 @@ def test_a_box_that_comes_along_a_wide_corridor_is_let_by(make) -> None:
         x = 5.6 - 0.3 * time
         box = ((x - 0.15, 1.85, x + 0.15, 2.15),) if x > 0.2 else ()
         world = room((0.0, 0.0, 6.0, 1.2), (0.0, 2.8, 6.0, 4.0), *box)
-        command = navigator.command(Belief(pose), NoMapper(), Observation(time, lidar=scan(world, pose, time)), goal)
+        command = navigator.command(State.of(Belief(pose)), Observation(time, lidar=scan(world, pose, time)), goal)
         pose = pose @ command.twist.step(DT)
         least = min(least, math.hypot(max(abs(pose.x - x) - 0.15, 0.0), max(abs(pose.y - 2.0) - 0.15, 0.0)))
         if goal.reached(pose):
@@ -105,11 +104,11 @@ def test_a_sector_that_looks_ahead_does_not_dodge_backwards_into_what_it_has_not
     """Something comes from ahead at 0.3 m/s. All round the car backs off; a sector of 120 degrees has not looked there."""
     pose, goal, backs = SE2(1.5, 2.0), Goal(np.array([5.0, 2.0])), []
     for bearings in (BEARINGS, np.radians(np.arange(-60.0, 61.0))):
-        planner = build(context(robot(bearings), None)).local_planner
+        planner = build(context(robot(bearings), None)).controller
         planner.movers.update = lambda *_: None  # what is followed is given
         planner.movers._discs = np.array([[2.1, 2.0, -0.3, 0.0, 0.3]])
         world = room((0.0, 0.0, 6.0, 1.8), (0.0, 2.2, 6.0, 4.0))
         observation = Observation(0.0, lidar=scan(world, pose, 0.0, bearings))
-        backs.append(planner.command(Belief(pose), None, None, observation, goal).twist.v)
+        backs.append(planner.command(State.of(Belief(pose)), None, None, observation, goal).twist.v)
     assert backs[0] < 0.0
     assert backs[1] >= 0.0

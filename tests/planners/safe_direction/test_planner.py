@@ -21,6 +21,7 @@ from robocar.core import (
     ParameterError,
     RangeSensor,
     Robot,
+    State,
 )
 from robocar.planners.safe_direction.fan import Fan, choose, directions, fan, safe_direction, shortest_direction
 from robocar.planners.safe_direction.memory import RollingMemory
@@ -32,7 +33,6 @@ from tests.planners.kinematic import DT, car, context
 
 from robocar.core import Scan, ScenarioError, Twist  # isort: skip
 from robocar.core.rays import cast_rays
-from robocar.estimation.mapping.no_mapper import NoMapper
 
 BEARINGS = np.radians(np.arange(-180.0, 180.0))
 LASER = RangeSensor("laser", SE2(0.03, 0.0), BEARINGS, 0.0, 0.06, 6.0, DT)
@@ -79,7 +79,7 @@ def test_totals_are_the_sums_of_equation_3(seed: int, reach: float) -> None:
     clearance = rng.uniform(-0.3, 5.0, (20, 24))
     x, y = rng.uniform(2.0, 18.0, 2)
     headings = directions(rng.uniform(-4, 4), math.tau, 19)
-    found = fan(headings, clearance, x, y, 0.1 * reach, 0.1, True)
+    found = fan(headings, clearance, (x, y), 0.1 * reach, 0.1, True)
     for k, heading in enumerate(headings):
         total, length = 0.0, 0.0
         for i in range(1, int(2 * reach) + 1):
@@ -271,7 +271,7 @@ def episode(navigator, world: OccupancyGrid, start: SE2, goal: Goal, ticks: int 
     pose, poses, command = start, [start], None
     for tick in range(ticks):
         observation = Observation(tick * DT, lidar=scan(world, pose, tick * DT))
-        command = navigator.command(Belief(pose), NoMapper(), observation, goal)
+        command = navigator.command(State.of(Belief(pose)), observation, goal)
         if isinstance(command, GiveUp) or goal.reached(pose):
             break
         pose = pose @ command.twist.step(DT)
@@ -294,7 +294,7 @@ def test_a_goal_in_an_obstacle_is_approached_and_given_up_with_a_reason(make) ->
 def test_with_all_beams_lost_it_stands(make) -> None:
     navigator = make(context(robot(), None))
     lost = Scan(0.0, np.full(360, math.nan), BEARINGS, 6.0, 0.0, SE2(0.03, 0.0))
-    command = navigator.command(Belief(SE2(1.0, 2.0)), NoMapper(), Observation(0.0, lidar=lost), Goal(np.array([4.0, 2.0])))
+    command = navigator.command(State.of(Belief(SE2(1.0, 2.0))), Observation(0.0, lidar=lost), Goal(np.array([4.0, 2.0])))
     assert isinstance(command, Drive)
     assert command.twist == Twist()
     assert "beams are lost" in command.trace["safe_direction"].message
@@ -313,9 +313,9 @@ def test_a_silent_laser_stops_the_car_though_its_sonars_speak() -> None:
     mixed = Robot(both.footprint, both.limits, both.calibration, 200, car().sonars, both.lidar)
     navigator, world, goal = build(context(mixed, None)), room(), Goal(np.array([5.0, 2.0]))
     pose = SE2(1.0, 2.0)
-    first = navigator.command(Belief(pose), NoMapper(), Observation(0.0, lidar=scan(world, pose)), goal)
+    first = navigator.command(State.of(Belief(pose)), Observation(0.0, lidar=scan(world, pose)), goal)
     sonar = Scan(1.0, np.array([2.0]), np.zeros(1), 4.0, 0.26, SE2(0.1, 0.0))
-    later = navigator.command(Belief(pose), NoMapper(), Observation(1.0, sonars=(sonar,)), goal)
+    later = navigator.command(State.of(Belief(pose)), Observation(1.0, sonars=(sonar,)), goal)
     assert first.twist != Twist()  # type: ignore[union-attr]
     assert later.twist == Twist()  # type: ignore[union-attr]
 

@@ -14,6 +14,7 @@ from robocar.core import LETHAL, Context, Costmap, ParameterError
 from robocar.formats.movingai import load_movingai_map, load_scenarios
 from robocar.planners.search.a_star import AStar, AStarParameters, build
 from tests.planners.grids import costmaps, free_pair, step_graph
+from tests.planners.search import search_reference as reference
 
 SCENARIOS = [
     "arena.map.scen", "lak101d.map.scen", "lak105d.map.scen", "random-32-32-10-random-1.scen", "room-32-32-4-random-1.scen",
@@ -82,6 +83,41 @@ def test_weight_bounds_the_cost(costmap: Costmap, seed: int, weight: float) -> N
     assert optimum * (1 - 1e-7) <= found.cost <= weight * optimum * (1 + 1e-7) + 1e-12
 
 
+@settings(max_examples=200, deadline=None)
+@given(
+    costmap=costmaps(),
+    seed=st.integers(0, 2**32 - 1),
+    weight=st.sampled_from([0.0, 0.5, 1.0, 3.0, 100.0]),
+    metric=st.sampled_from(["octile", "thesis"]),
+)
+def test_it_searches_as_the_plain_search_does(costmap: Costmap, seed: int, weight: float, metric: str) -> None:
+    """Oracle: the search with buckets in a dict, exact: the way, its cost, the cells generated and the order of expansions."""
+    pair = free_pair(costmap, seed)
+    assume(pair is not None)
+    assert pair is not None
+    start, goal = ((int(cell[0]), int(cell[1])) for cell in pair)
+    straight, diagonal, h_diagonal = (5741, 8119, 8119) if metric == "octile" else (5740, 8036, 11480)
+    h_straight, h_diagonal = (round(weight * 504 * length) for length in (straight, h_diagonal))
+
+    def h(cell: tuple[int, int]) -> int:
+        short, long = sorted((abs(cell[0] - goal[0]), abs(cell[1] - goal[1])))
+        return h_straight * (long - short) + h_diagonal * short
+
+    expected = reference.a_star(costmap.data, start, goal, (straight, diagonal), h)
+    found = AStar(AStarParameters(metric, weight)).search(costmap, start, goal)  # type: ignore[arg-type]
+    assert found.expanded == expected.expanded
+    rows, cols = np.divmod(found.opened, costmap.shape[1] + 2)
+    assert list(zip((rows - 1).tolist(), (cols - 1).tolist(), strict=True)) == list(expected.g)
+    assert found.order.tolist() == [expected.order.get(cell, -1) for cell in expected.g]
+    assert (found.cells is None) == (goal not in expected.g)
+    if found.cells is not None:
+        assert found.cost == pytest.approx(expected.g[goal] / (504 * straight) * costmap.resolution, rel=1e-12, abs=0.0)
+        way = [goal]
+        while way[-1] != start:
+            way.append(expected.parent[way[-1]])
+        assert found.cells.tolist() == [list(cell) for cell in reversed(way)]
+
+
 def test_a_large_weight_searches_far_across_the_ring_of_buckets() -> None:
     """Property: with weight 100 f falls by thousands of buckets on the way; the path must still be one (cost by the naive
     sum)."""
@@ -92,7 +128,7 @@ def test_a_large_weight_searches_far_across_the_ring_of_buckets() -> None:
     start, goal = costmap.world_from_cell([(0, 0), (199, 199)])
     plan = AStar(AStarParameters(weight=100.0)).plan(costmap, start, goal)
     assert plan.cost == pytest.approx(plan.path.length, rel=1e-7)
-    assert plan.expanded < PLANNER.plan(costmap, start, goal).expanded
+    assert plan.work["expansions"] < PLANNER.plan(costmap, start, goal).work["expansions"]
 
 
 def test_thesis_metric_counts_10_and_14() -> None:
@@ -131,7 +167,7 @@ def test_the_way_in_the_open_is_found_without_looking_around() -> None:
     """Ties: on an empty map a good order expands little more than the path's own cells (100 of 10000 here)."""
     plan = PLANNER.plan(Costmap(np.zeros((100, 100)), 1.0), np.array([0.5, 30.5]), np.array([99.5, 70.5]))
     assert len(plan.path.points) == 100
-    assert plan.expanded < 300
+    assert plan.work["expansions"] < 300
 
 
 @pytest.mark.parametrize(

@@ -102,7 +102,7 @@ def test_no_path_then_a_path_when_the_way_opens_again() -> None:
             planner.plan(_corridor(False), start, goal)
     reopened = planner.plan(_corridor(True), start, goal)
     assert reopened.cost == 39.0
-    assert 0 < reopened.expanded < 9 * 40
+    assert 0 < reopened.work["expansions"] < 9 * 40
 
 
 def test_nothing_new_costs_nothing() -> None:
@@ -111,11 +111,11 @@ def test_nothing_new_costs_nothing() -> None:
     costmap = Costmap(MAPS["random 0.1 True"], 1.0)
     start, goal = costmap.world_from_cell(np.argwhere(~costmap.blocked)[[0, -1]])
     first = planner.plan(costmap, start, goal)
-    assert first.expanded > 100
+    assert first.work["expansions"] > 100
     again = planner.plan(Costmap(costmap.data.copy(), 1.0), start, goal)
-    assert again.expanded == 0
+    assert again.work["expansions"] == 0
     np.testing.assert_array_equal(again.path.points, first.path.points)
-    assert planner.plan(costmap, first.path.points[3], goal).expanded == 0
+    assert planner.plan(costmap, first.path.points[3], goal).work["expansions"] == 0
 
 
 def test_a_small_obstacle_ahead_is_repaired_not_searched_again() -> None:
@@ -132,7 +132,7 @@ def test_a_small_obstacle_ahead_is_repaired_not_searched_again() -> None:
     changed[row, col] = 254
     repaired = planner.plan(Costmap(changed, 1.0), start, goal)
     assert repaired.cost == AStar().plan(Costmap(changed, 1.0), start, goal).cost
-    assert repaired.expanded < first.expanded / 10
+    assert repaired.work["expansions"] < first.work["expansions"] / 10
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 from robocar.core import Costmap, NoPathFound
 from robocar.planners.geometry.line_of_sight import polyline_cost, pull_taut, segment_cost
 from robocar.planners.search.a_star import AStar
-from robocar.planners.search.theta_star import ThetaStar
-from tests.planners.grids import costmaps, free_pair
+from robocar.planners.search.grid_search import padded
+from robocar.planners.search.theta_star import ThetaStar, _search
+from tests.planners.grids import costmaps, free_pair, random_costs
+from tests.planners.search import search_reference as reference
 
 A_STAR, THETA_STAR = AStar(), ThetaStar()
 
@@ -92,6 +94,55 @@ def test_never_longer_and_never_dearer_than_a_star(costmap: Costmap, seed: int) 
     assert plan.cost == pytest.approx(
         polyline_cost(costmap.data, costmap.grid_from_world(plan.path.points)) * costmap.resolution, rel=1e-6, abs=1e-9
     )
+
+
+def searched(costs: np.ndarray, start: tuple[int, int], goal: tuple[int, int], weight: float) -> reference.Searched:
+    """The kernel's search."""
+    cost = padded(Costmap(costs, 1.0))
+    n, width = cost.size, cost.shape[1]
+    g, parent, order, opened = (
+        np.full(n, np.inf),
+        np.empty(n, dtype=np.int32),
+        np.full(n, -1, dtype=np.int32),
+        np.empty(n, np.int32),
+    )
+    first, last = ((row + 1) * width + col + 1 for row, col in (start, goal))
+    expanded, count = _search(cost, first, last, weight, g, parent, order, opened)
+
+    def cell(flat: int) -> tuple[int, int]:
+        return flat // width - 1, flat % width - 1
+
+    cells = opened[:count].tolist()
+    return reference.Searched(
+        {cell(u): float(g[u]) for u in cells},
+        {cell(u): cell(int(parent[u])) for u in cells},
+        {cell(u): int(order[u]) for u in cells if order[u] >= 0},
+        expanded,
+    )
+
+
+@pytest.mark.parametrize("weight", [0.0, 1.0, 2.0])
+@pytest.mark.parametrize("highest", [20, 250])
+def test_it_searches_as_the_plain_search_does(weight: float, highest: int) -> None:
+    """Oracle: the search with a heap and dicts: g, parents and order of expansions, where no two open cells have the same f."""
+    rng, compared = np.random.default_rng(8), 0
+    for seed in range(150):
+        rows, cols = rng.integers(1, 25, 2).tolist()
+        costs = random_costs(seed, rows, cols, float(rng.choice([0.0, 0.15, 0.3])), weighted=True)
+        costs = np.where(costs < 253, costs % (highest + 1), costs).astype(np.uint8)
+        pair = free_pair(Costmap(costs, 1.0), seed)
+        if pair is None:
+            continue
+        start, goal = ((int(cell[0]), int(cell[1])) for cell in pair)
+        expected = reference.theta_star(costs, start, goal, weight)
+        if expected.tied:
+            continue
+        found = searched(costs, start, goal, weight)
+        assert list(found.g) == list(expected.g)
+        assert list(found.g.values()) == pytest.approx(list(expected.g.values()), rel=1e-12)
+        assert (found.parent, found.order, found.expanded) == (expected.parent, expected.order, expected.expanded)
+        compared += 1
+    assert compared >= 60
 
 
 def test_an_empty_map_is_crossed_on_the_straight_line() -> None:

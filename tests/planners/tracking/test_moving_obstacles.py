@@ -1,4 +1,4 @@
-"""What moves, as local planners see it, and how they get out of its way. Oracles: the truth, brute force, exact distances."""
+"""What moves, as controllers see it, and how they get out of its way. Oracles: the truth, brute force, exact distances."""
 
 import math
 from dataclasses import replace
@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robocar.core import OCCUPIED, SE2, STOP, Array, Belief, Drive, Goal, Observation, OccupancyGrid, Twist
+from robocar.core import OCCUPIED, SE2, STOP, Array, Drive, Goal, Observation, OccupancyGrid, State, Twist
 from robocar.planners.controllers import dwa, mppi
 from robocar.planners.controllers.dwa import DynamicWindow
 from robocar.planners.controllers.mppi import MPPI
@@ -110,12 +110,10 @@ def test_one_that_turns_back_is_not_lost_sight_of(after: float) -> None:
     assert discs[np.argmin(off), :2] == pytest.approx(mover.at(time), abs=0.08)
 
 
-def test_what_stands_is_none_and_a_new_episode_knows_nothing() -> None:
+def test_what_stands_is_none() -> None:
     assert len(seen([Disc((5.0, 5.0), (0.0, 0.0), 0.15)], 2.0, twist=Twist(0.3, 0.2)).discs(NOWHERE, None, 2.0)) == 0
     moving = seen([Disc((5.0, 5.0), (0.3, 0.0), 0.15)], 2.0)
     assert len(moving.discs(NOWHERE, None, 2.0)) == 1
-    moving.forget()
-    assert len(moving.discs(NOWHERE, None, 2.0)) == 0
 
 
 @settings(max_examples=25, deadline=None)
@@ -168,13 +166,13 @@ def test_a_mover_that_gives_way_to_nobody_is_never_touched(
 
 
 class Waits:
-    """Stands, as a recovery does, and lets the local planner get out of the way."""
+    """Stands, as a recovery does, and lets the controller get out of the way."""
 
     def __init__(self, local: DynamicWindow | MPPI) -> None:
         self.local = local
 
-    def command(self, belief: Belief, mapper: object, observation: Observation, goal: Goal) -> Drive:
-        return self.local.evade(belief, None, observation) or STOP
+    def command(self, state: State, observation: Observation, goal: Goal) -> Drive:
+        return self.local.evade(state, None, observation) or STOP
 
 
 @pytest.mark.parametrize("local", [dwa, mppi])

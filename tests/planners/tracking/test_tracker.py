@@ -8,7 +8,15 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from robocar.core import OCCUPIED, SE2, Observation, OccupancyGrid, Twist
-from robocar.planners.bugs.ocpb.collision_points import Collision, Moving, crossing, predict, standing_world, with_virtual
+from robocar.planners.bugs.ocpb.collision_points import (
+    Collision,
+    Moving,
+    StraightDrive,
+    crossing,
+    predict,
+    standing_world,
+    with_virtual,
+)
 from robocar.planners.tracking.kernel import line
 from robocar.planners.tracking.panorama import ScanPanorama, Surround
 from robocar.planners.tracking.tracker import Kind, ObstacleTracker, Tracked
@@ -127,7 +135,8 @@ def test_collisions_are_those_of_a_simulation(seed: int) -> None:
     apart = np.hypot(x + vx * times - gone * math.cos(heading), y + vy * times - gone * math.sin(heading))
     assume(abs(apart.min(initial=9.0) - reach) > 0.01)
     obstacle = tracked(x, y, vx, vy, 0.2)
-    found = predict(Moving.of([obstacle]), 0.0, np.zeros(2), heading, length, speed, delay, stay, reach - 0.2, 60.0)
+    drive = StraightDrive(0.0, 0.0, heading, length, speed, delay, stay, reach - 0.2)
+    found = predict(Moving.of([obstacle]), 0.0, drive, 60.0)
     touching = times[apart < reach]
     assert (found is not None) == bool(len(touching))
     assume(found is not None)

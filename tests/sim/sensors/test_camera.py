@@ -11,10 +11,8 @@ import pytest
 
 from robocar.core import SE2, Array, Drive, Hold, Image, Landmark, Twist
 from robocar.paths import MODELS
-from robocar.sim.car import FitOut
-from robocar.sim.sensors.camera import CameraParameters
-from robocar.sim.sensors.parameters import SensorParameters
-from robocar.sim.simulation import Simulation
+from robocar.sim.fit_out import FitOut
+from robocar.sim.world import World
 from tests.sim.rooms import drive, room
 
 RADIUS = 0.08
@@ -61,20 +59,21 @@ def disc(image: Image, world_from_robot: SE2, point: Array, radius: float) -> tu
     return principal + focal * 0.5 * (near + far) * outward, math.pi * focal * focal * long * short
 
 
-def picture(simulation: Simulation) -> tuple[Image, SE2]:
+def picture(simulation: World) -> tuple[Image, SE2]:
     """The next picture and the true pose it was taken from."""
     for _ in range(10):
-        observation, pose = simulation.sense(), simulation.ground_truth().pose
+        observation, pose = simulation.robot.sense(), simulation.ground_truth().pose
         if observation.image is not None:
             return observation.image, pose
-        simulation.act(Hold())
+        simulation.robot.act(Hold())
+        simulation.step()
     raise AssertionError("no picture within ten ticks")
 
 
 @pytest.fixture
-def running() -> Iterator[list[Simulation]]:
+def running() -> Iterator[list[World]]:
     """Simulations whose buffers are given back."""
-    simulations: list[Simulation] = []
+    simulations: list[World] = []
     yield simulations
     for simulation in simulations:
         simulation.close()
@@ -83,7 +82,7 @@ def running() -> Iterator[list[Simulation]]:
 # -- the car's camera --------------------------------------------------------------------------------------------------
 
 
-def test_pictures_have_the_size_and_the_rate_they_should(running: list[Simulation]) -> None:
+def test_pictures_have_the_size_and_the_rate_they_should(running: list[World]) -> None:
     """Issue 2 and design 7: 160 x 120, every 100 ms, RGB."""
     simulation = room(fit_out=WITH_CAMERA)
     running.append(simulation)
@@ -97,7 +96,7 @@ def test_pictures_have_the_size_and_the_rate_they_should(running: list[Simulatio
     np.testing.assert_allclose(images[0].intrinsics, [[focal, 0, 80], [0, focal, 60], [0, 0, 1]])
 
 
-def test_the_camera_looks_ahead_from_where_it_is_mounted(running: list[Simulation]) -> None:
+def test_the_camera_looks_ahead_from_where_it_is_mounted(running: list[World]) -> None:
     """robot.xml: pan at (0.06, 0, 0.118), tilt 26 mm above, the lens 12 mm ahead. OpenCV: z ahead, x right, y down."""
     camera = ElementTree.parse(MODELS / "robots" / "robocar" / "robot.xml").find(".//camera[@name='camera']")
     assert camera is not None
@@ -117,12 +116,12 @@ def test_the_camera_looks_ahead_from_where_it_is_mounted(running: list[Simulatio
 @pytest.mark.parametrize("heading", [0.0, 2.5])
 @pytest.mark.parametrize(("ahead", "left", "up"), [(1.0, 0.0, 0.15), (1.5, 0.45, 0.35), (0.8, -0.25, 0.30), (2.5, 0.8, 0.5)])
 def test_a_ball_is_where_the_pinhole_says(
-    running: list[Simulation], size: tuple[int, int], heading: float, ahead: float, left: float, up: float
+    running: list[World], size: tuple[int, int], heading: float, ahead: float, left: float, up: float
 ) -> None:
     """Centroid within half a pixel, area within 6 % or the pixels of half its outline."""
     start = SE2(4, 4, heading)
     x, y = start.transform([ahead, left])
-    sensors = SensorParameters(camera=CameraParameters(width=size[0], height=size[1]))
+    sensors = {"camera": {"width": size[0], "height": size[1]}}
     simulation = room(start=start, fit_out=WITH_CAMERA, landmarks=[ball(x, y, up)], sensors=sensors)
     running.append(simulation)
     image, pose = picture(simulation)
@@ -134,7 +133,7 @@ def test_a_ball_is_where_the_pinhole_says(
     assert len(found) == pytest.approx(area, rel=0.06, abs=0.5 * math.sqrt(math.pi * area))
 
 
-def test_what_is_left_of_the_car_is_left_in_the_picture_and_what_is_high_is_above(running: list[Simulation]) -> None:
+def test_what_is_left_of_the_car_is_left_in_the_picture_and_what_is_high_is_above(running: list[World]) -> None:
     balls = [ball(5.5, 4.4, 0.15, "red"), ball(5.5, 3.6, 0.15, "green"), ball(5.5, 4.0, 0.5, "blue")]
     simulation = room(fit_out=WITH_CAMERA, landmarks=balls)
     running.append(simulation)
@@ -145,7 +144,7 @@ def test_what_is_left_of_the_car_is_left_in_the_picture_and_what_is_high_is_abov
     assert red[1] == pytest.approx(green[1], abs=1.0)
 
 
-def test_panning_turns_the_camera_and_its_pose_says_so(running: list[Simulation]) -> None:
+def test_panning_turns_the_camera_and_its_pose_says_so(running: list[World]) -> None:
     """A ball 0.6 rad to the left: out of the middle before, in the middle after; the projection holds in both."""
     spot = SE2(4, 4, 0.6).transform([1.5, 0.0])
     simulation = room(fit_out=WITH_CAMERA, landmarks=[ball(spot[0], spot[1], 0.15)])
@@ -166,7 +165,7 @@ def test_panning_turns_the_camera_and_its_pose_says_so(running: list[Simulation]
     np.testing.assert_allclose(kept.robot_from_camera, after.robot_from_camera, atol=0.01)
 
 
-def test_panning_stops_at_ninety_degrees(running: list[Simulation]) -> None:
+def test_panning_stops_at_ninety_degrees(running: list[World]) -> None:
     simulation = room(fit_out=WITH_CAMERA)
     running.append(simulation)
     drive(simulation, Hold(pan=-3.0), 1.5)
@@ -175,23 +174,24 @@ def test_panning_stops_at_ninety_degrees(running: list[Simulation]) -> None:
     assert math.atan2(axis[1], axis[0]) == pytest.approx(-math.pi / 2, abs=0.05)
 
 
-def test_the_picture_is_of_the_instant_it_says(running: list[Simulation]) -> None:
+def test_the_picture_is_of_the_instant_it_says(running: list[World]) -> None:
     """While the car turns at 1 rad/s, one tick too late would be 7 pixels."""
     simulation = room(fit_out=WITH_CAMERA, landmarks=[ball(5.5, 4.0, 0.15)])
     running.append(simulation)
     errors = []
     for _ in range(8):
-        observation, pose = simulation.sense(), simulation.ground_truth().pose
+        observation, pose = simulation.robot.sense(), simulation.ground_truth().pose
         if observation.image is not None:
             found = blob(observation.image.pixels, (0, 0, 255)).mean(axis=0)
             centre, _ = disc(observation.image, pose, np.array([5.5, 4.0, 0.15]), RADIUS)
             errors.append(float(np.abs(found - centre)[0]))
-        simulation.act(Drive(Twist(0.0, 1.0)))
+        simulation.robot.act(Drive(Twist(0.0, 1.0)))
+        simulation.step()
     assert len(errors) == 4
     assert max(errors) < 0.7
 
 
-def test_equal_seeds_give_equal_pictures(running: list[Simulation]) -> None:
+def test_equal_seeds_give_equal_pictures(running: list[World]) -> None:
     pictures = []
     for _ in range(2):
         simulation = room(seed=3, fit_out=WITH_CAMERA, landmarks=[ball(5.0, 4.2, 0.2)])
@@ -206,11 +206,11 @@ def test_equal_seeds_give_equal_pictures(running: list[Simulation]) -> None:
 
 
 @pytest.mark.parametrize("start", [SE2(1.0, 0.8, 0.0), SE2(2.6, 1.9, 2.2), SE2(3.0, 0.5, -1.2)])
-def test_the_top_camera_sees_the_markers_where_they_are(running: list[Simulation], start: SE2) -> None:
+def test_the_top_camera_sees_the_markers_where_they_are(running: list[World], start: SE2) -> None:
     """robot.xml: cyan 45 mm ahead, magenta 55 mm behind, 117 mm high. Thesis' field of 3.5 x 2.5 m."""
     simulation = room(3.5, 2.5, start=start, fit_out=FitOut(top_camera=True))
     running.append(simulation)
-    image, pose = simulation.sense().top_image, simulation.ground_truth().pose
+    image, pose = simulation.robot.sense().top_image, simulation.ground_truth().pose
     assert image is not None
     assert image.pixels.shape == (480, 640, 3)
     for color, x in {(0, 255, 255): 0.045, (255, 0, 255): -0.055}.items():
@@ -219,10 +219,10 @@ def test_the_top_camera_sees_the_markers_where_they_are(running: list[Simulation
         np.testing.assert_allclose(blob(image.pixels, color).mean(axis=0), expected, atol=0.7)
 
 
-def test_the_top_camera_shows_the_whole_field_x_to_the_right_and_y_up(running: list[Simulation]) -> None:
+def test_the_top_camera_shows_the_whole_field_x_to_the_right_and_y_up(running: list[World]) -> None:
     simulation = room(3.5, 2.5, fit_out=FitOut(top_camera=True))
     running.append(simulation)
-    image = simulation.sense().top_image
+    image = simulation.robot.sense().top_image
     assert image is not None
     corners = np.array([project(image, None, np.array([x, y, 0.0]))[0] for x, y in ((0, 0), (3.5, 0), (3.5, 2.5), (0, 2.5))])
     assert np.all((corners > 0) & (corners < [640, 480]))
@@ -231,7 +231,7 @@ def test_the_top_camera_shows_the_whole_field_x_to_the_right_and_y_up(running: l
     assert corners[3, 1] < corners[0, 1]
 
 
-def test_top_pictures_come_every_200_ms(running: list[Simulation]) -> None:
+def test_top_pictures_come_every_200_ms(running: list[World]) -> None:
     simulation = room(3.5, 2.5, fit_out=FitOut(top_camera=True))
     running.append(simulation)
     times = [o.top_image.time for o in drive(simulation, Hold(), 0.8) if o.top_image is not None]

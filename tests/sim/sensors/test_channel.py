@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from robocar.core import SE2, Drive, Hold, Twist
-from robocar.sim.car import FitOut
+from robocar.sim.fit_out import FitOut
 from robocar.sim.sensors.channel import Channel
 from tests.sim.rooms import drive, room
 from tests.sim.sensors.exact import EXACT, TILT
@@ -70,8 +68,8 @@ def test_after_hours_the_rate_still_holds() -> None:
 
 
 def test_readings_carry_the_time_when_they_were_taken() -> None:
-    """In the simulation: lidar every 100 ms, 120 ms late; the sonar at once."""
-    sensors = replace(EXACT, lidar=replace(EXACT.lidar, delay=0.12))
+    """In the world: lidar every 100 ms, 120 ms late; the sonar at once."""
+    sensors = EXACT | {"lidar": EXACT["lidar"] | {"delay": 0.12}}
     observations = drive(room(fit_out=FitOut(lidar="scan360"), sensors=sensors), Hold(), 1.0)
     scans = [(o.time, o.lidar.time) for o in observations if o.lidar is not None]
     assert scans == [pytest.approx((0.15 + 0.1 * i, 0.1 * i)) for i in range(9)]
@@ -80,16 +78,17 @@ def test_readings_carry_the_time_when_they_were_taken() -> None:
 
 def test_delayed_readings_are_of_the_past() -> None:
     """A car that backs away from a wall: the late reading is the distance of then."""
-    simulation = room(12, 8, start=SE2(10.9, 4), sensors=replace(EXACT, sonar=replace(EXACT.sonar, delay=0.5)))
+    world = room(12, 8, start=SE2(10.9, 4), sensors=EXACT | {"sonar": EXACT["sonar"] | {"delay": 0.5}})
     distance = {}
     compared = 0
     for _ in range(60):
-        observation = simulation.sense()
-        distance[round(simulation.time, 3)] = 12 - 0.10 - simulation.ground_truth().pose.x
+        observation = world.robot.sense()
+        distance[round(world.time, 3)] = 12 - 0.10 - world.ground_truth().pose.x
         for scan in observation.sonars:
             assert observation.time - scan.time == pytest.approx(0.5)
             assert scan.ranges[0] == pytest.approx(distance[round(scan.time, 3)], abs=TILT)
             compared += 1
-        simulation.act(Drive(Twist(-0.2, 0.0)))
+        world.robot.act(Drive(Twist(-0.2, 0.0)))
+        world.step()
     assert compared == 2 * 50
     assert max(distance.values()) - min(distance.values()) > 0.4

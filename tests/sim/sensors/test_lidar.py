@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 from robocar.core import SE2, Hold
-from robocar.sim.car import FitOut
-from robocar.sim.sensors.lidar import LidarParameters
-from robocar.sim.sensors.parameters import SensorParameters
+from robocar.sim.fit_out import FitOut
 from tests.sim.rooms import drive, room
 from tests.sim.sensors.exact import EXACT, TILT
 
@@ -27,10 +25,10 @@ def box_room(x: float, y: float, angles: np.ndarray, width: float, depth: float)
 @pytest.mark.parametrize(("lidar", "reach"), [("hokuyo", 5.6), ("scan360", 6.0)])
 @pytest.mark.parametrize("start", [SE2(2.0, 1.5, 0.4), SE2(0.5, 7.0, -2.5), SE2(7.2, 3.3, 1.9)])
 def test_laser_in_a_room(lidar: Any, reach: float, start: SE2) -> None:
-    simulation = room(10, 8, start=start, fit_out=FitOut(lidar=lidar), sensors=EXACT)
-    scan = simulation.sense().lidar
+    world = room(10, 8, start=start, fit_out=FitOut(lidar=lidar), sensors=EXACT)
+    scan = world.robot.sense().lidar
     assert scan is not None
-    laser = simulation.ground_truth().pose @ scan.robot_from_sensor
+    laser = world.ground_truth().pose @ scan.robot_from_sensor
     expected = box_room(laser.x, laser.y, laser.theta + scan.bearings, 10, 8)
     clear = np.abs(expected - reach) > 0.01
     assert clear.mean() > 0.9
@@ -42,10 +40,10 @@ def test_laser_in_a_room(lidar: Any, reach: float, start: SE2) -> None:
 
 def test_laser_noise_has_the_moments_it_is_given() -> None:
     """1 cm, and a share of lost beams: five sigma over ten scans."""
-    sensors = SensorParameters(lidar=LidarParameters(dropout=0.05))
-    simulation = room(4, 4, start=SE2(2, 2, 0.3), fit_out=FitOut(lidar="scan360"), sensors=sensors)
+    sensors = {"lidar": {"dropout": 0.05}}
+    world = room(4, 4, start=SE2(2, 2, 0.3), fit_out=FitOut(lidar="scan360"), sensors=sensors)
     residuals = []
-    for observation in drive(simulation, Hold(), 1.0):
+    for observation in drive(world, Hold(), 1.0):
         if observation.lidar is not None:
             laser = SE2(2, 2, 0.3) @ observation.lidar.robot_from_sensor
             residuals.append(

@@ -9,16 +9,14 @@ import numpy as np
 import pytest
 
 from robocar.core import SE2, Drive, Hold, Twist
-from robocar.sim.car import FitOut
-from robocar.sim.sensors.parameters import SensorParameters
-from robocar.sim.sensors.sonar import SonarParameters
-from robocar.sim.simulation import Simulation
+from robocar.sim.fit_out import FitOut
+from robocar.sim.world import World
 from tests.sim.rooms import drive, room
 
 
-def readings_of(simulation: Simulation, names: Sequence[str]) -> list[np.ndarray]:
+def readings_of(world: World, names: Sequence[str]) -> list[np.ndarray]:
     """Of the named sonars and all small sensors on a short drive."""
-    observations = drive(simulation, lambda time: Drive(Twist(0.2, math.sin(3 * time))), 2.0)
+    observations = drive(world, lambda time: Drive(Twist(0.2, math.sin(3 * time))), 2.0)
     rows = [[float(s.ranges[0]) for o in observations for s in o.sonars if s.name == name] for name in names]
     rows += [
         [o.psd.value for o in observations if o.psd],
@@ -48,7 +46,7 @@ def test_equal_seeds_equal_readings_and_other_seeds_others() -> None:
 
 def test_two_sonars_have_noise_of_their_own() -> None:
     """Uncorrelated: five sigma of the correlation of independent noise."""
-    simulation = room(sensors=SensorParameters(sonar=SonarParameters(dropout=0.0)))
-    pairs = np.array([[float(s.ranges[0]) for s in o.sonars] for o in drive(simulation, Hold(), 20.0)])
+    world = room(sensors={"sonar": {"dropout": 0.0}})
+    pairs = np.array([[float(s.ranges[0]) for s in o.sonars] for o in drive(world, Hold(), 20.0)])
     assert pairs.shape == (400, 2)
     assert abs(np.corrcoef(pairs.T)[0, 1]) < 5 / math.sqrt(400)

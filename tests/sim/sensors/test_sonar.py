@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 
 from robocar.core import SE2, Hold, Observation, Scan
 from robocar.core.solids import Box
-from robocar.sim.sensors.parameters import SensorParameters
-from robocar.sim.sensors.sonar import SonarParameters, cone_rays
-from robocar.sim.simulation import Simulation
+from robocar.sim.sensors.sonar import cone_rays
+from robocar.sim.world import World
 from tests.sim.rooms import room
 from tests.sim.sensors.exact import EXACT, HALL, TILT, observe
 
@@ -30,7 +29,7 @@ def heard(observation: Observation, name: str) -> float:
 
 @settings(deadline=None, max_examples=40)
 @given(distance=st.floats(0.05, 4.9), sign=st.sampled_from([-1, 1]))
-def test_sonar_perpendicular_to_a_wall(hall: Simulation, distance: float, sign: int) -> None:
+def test_sonar_perpendicular_to_a_wall(hall: World, distance: float, sign: int) -> None:
     """All four sonars in turn, at both walls."""
     x = 12 + sign * (12 - 0.10 - distance)
     observation, pose = observe(hall, SE2(x, 12.0, 0.0 if sign > 0 else math.pi))
@@ -44,7 +43,7 @@ def test_sonar_perpendicular_to_a_wall(hall: Simulation, distance: float, sign: 
 
 @settings(deadline=None, max_examples=60)
 @given(angle=st.floats(-85.0, 85.0).map(math.radians), distance=st.floats(0.3, 2.3))
-def test_sonar_at_an_oblique_wall(hall: Simulation, angle: float, distance: float) -> None:
+def test_sonar_at_an_oblique_wall(hall: World, angle: float, distance: float) -> None:
     """A plane at perpendicular distance D, its normal `angle` off the axis: the nearest point of the cone.
 
     D where the normal lies in the cone, else D / cos(angle - half cone) at the cone's edge, lost where even that ray meets
@@ -68,13 +67,13 @@ def test_sonar_at_an_oblique_wall(hall: Simulation, angle: float, distance: floa
 
 
 @pytest.mark.parametrize(("angle", "lost"), [(66.0, False), (67.2, False), (67.8, True), (80.0, True)])
-def test_echoes_at_grazing_incidence_are_lost(hall: Simulation, angle: float, lost: bool) -> None:
+def test_echoes_at_grazing_incidence_are_lost(hall: World, angle: float, lost: bool) -> None:
     """60 degrees from the normal at the edge of the 15 degree cone: at 67.5 degrees between axis and normal."""
     observation, _ = observe(hall, SE2(23.0, 12.0, math.radians(angle)))
     assert math.isinf(heard(observation, "front_left")) == lost
 
 
-def test_nothing_in_range_is_infinite(hall: Simulation) -> None:
+def test_nothing_in_range_is_infinite(hall: World) -> None:
     observation, _ = observe(hall, SE2(12.0, 12.0, 0.3))
     assert [float(scan.ranges[0]) for scan in observation.sonars] == [math.inf] * 4
     observation, _ = observe(hall, SE2(24 - 0.10 - 5.05, 12.0))
@@ -88,14 +87,14 @@ def test_the_cone_is_fifteen_degrees_wide(offset: float, seen: bool) -> None:
     """A thin post two metres away, `offset` degrees beside the axis of the left sonar, its face towards the car."""
     direction = SE2(theta=math.radians(offset))
     post = SE2(12.0, 12.0) @ FRONT_LEFT @ direction @ SE2(2.0)
-    observation = room(*HALL, sensors=EXACT, solids=[Box((0.04, 0.04, 0.3), post)]).sense()
+    observation = room(*HALL, sensors=EXACT, solids=[Box((0.04, 0.04, 0.3), post)]).robot.sense()
     assert heard(observation, "front_left") == (pytest.approx(1.98, abs=0.005) if seen else math.inf)
 
 
 def test_the_first_echo_counts() -> None:
     """A post before a wall."""
     post = Box((0.04, 0.04, 0.3), SE2(4.0, 4.0) @ FRONT_RIGHT @ SE2(1.0, 0.05))
-    observation = room(sensors=EXACT, solids=[post]).sense()
+    observation = room(sensors=EXACT, solids=[post]).robot.sense()
     assert heard(observation, "front_right") == pytest.approx(0.98, abs=0.005)
     assert heard(observation, "front_left") == pytest.approx(0.98, abs=0.01)  # 5 cm off its axis to the other side
 
@@ -103,9 +102,9 @@ def test_the_first_echo_counts() -> None:
 def test_what_passes_above_or_below_the_cone_is_not_heard() -> None:
     """A kerb of 3 cm close to the car is below a cone that starts at 10 cm."""
     kerb = Box((0.05, 1.0, 0.03), SE2(4.35, 4.0))
-    assert heard(room(*HALL, start=SE2(4, 4), sensors=EXACT, solids=[kerb]).sense(), "front_left") == math.inf
+    assert heard(room(*HALL, start=SE2(4, 4), sensors=EXACT, solids=[kerb]).robot.sense(), "front_left") == math.inf
     step = replace(kerb, size=(0.05, 1.0, 0.12))
-    observation = room(*HALL, start=SE2(4, 4), sensors=EXACT, solids=[step]).sense()
+    observation = room(*HALL, start=SE2(4, 4), sensors=EXACT, solids=[step]).robot.sense()
     assert heard(observation, "front_left") == pytest.approx(4.325 - 4.10, abs=TILT)
 
 
@@ -120,19 +119,20 @@ def test_the_rays_fill_the_cone_and_stay_inside() -> None:
     assert (level[0], level[-1]) == pytest.approx((-HALF_CONE, HALF_CONE))
 
 
-def readings(simulation: Simulation, count: int) -> np.ndarray:
+def readings(simulation: World, count: int) -> np.ndarray:
     """`count` readings of the left front sonar of a parked car."""
     scans: list[Scan] = []
     while len(scans) < count:
-        scans += [scan for scan in simulation.sense().sonars if scan.name == "front_left"]
-        simulation.act(Hold())
+        scans += [scan for scan in simulation.robot.sense().sonars if scan.name == "front_left"]
+        simulation.robot.act(Hold())
+        simulation.step()
     return np.array([float(scan.ranges[0]) for scan in scans])
 
 
 @pytest.mark.parametrize("distance", [0.5, 3.0])
 def test_sonar_noise_has_the_moments_it_is_given(distance: float) -> None:
     """Normal noise of hypot(4 mm, 0.3 % of the range): mean and standard deviation of 600 readings within five sigma."""
-    simulation = room(start=SE2(8 - 0.10 - distance, 4), sensors=SensorParameters(sonar=SonarParameters(dropout=0.0)))
+    simulation = room(start=SE2(8 - 0.10 - distance, 4), sensors={"sonar": {"dropout": 0.0}})
     found = readings(simulation, 600)
     std = math.hypot(0.004, 0.003 * distance)
     assert found.mean() == pytest.approx(distance, abs=5 * std / math.sqrt(600) + TILT)
@@ -141,18 +141,16 @@ def test_sonar_noise_has_the_moments_it_is_given(distance: float) -> None:
 
 def test_sonar_drop_outs_have_their_share() -> None:
     """Binomial: five sigma."""
-    simulation = room(sensors=SensorParameters(sonar=SonarParameters(dropout=0.2)))
+    simulation = room(sensors={"sonar": {"dropout": 0.2}})
     lost = np.isnan(readings(simulation, 600))
     assert lost.mean() == pytest.approx(0.2, abs=5 * math.sqrt(0.2 * 0.8 / 600))
 
 
 def test_noise_never_brings_readings_out_of_range() -> None:
-    near = room(start=SE2(8 - 0.10 - 0.03, 4), sensors=SensorParameters(sonar=SonarParameters(dropout=0.0, range_std=0.05)))
+    near = room(start=SE2(8 - 0.10 - 0.03, 4), sensors={"sonar": {"dropout": 0.0, "range_std": 0.05}})
     found = readings(near, 200)
     assert found.min() == 0.02
-    far = room(
-        *HALL, start=SE2(24 - 0.10 - 4.99, 12), sensors=SensorParameters(sonar=SonarParameters(dropout=0.0, range_std=0.05))
-    )
+    far = room(*HALL, start=SE2(24 - 0.10 - 4.99, 12), sensors={"sonar": {"dropout": 0.0, "range_std": 0.05}})
     found = readings(far, 200)
     assert found[np.isfinite(found)].max() <= 5.0
     assert 0.2 < np.isinf(found).mean() < 0.8

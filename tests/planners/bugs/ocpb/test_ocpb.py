@@ -46,7 +46,7 @@ def open_room() -> OccupancyGrid:
 
 def run(world: OccupancyGrid, start: SE2, goal: tuple[float, float], **more) -> tuple[Drives, OperativeCriticalPointBug]:
     bug = build("navigator", "ocpb", context(laser_car(), None, start))
-    return drive(bug, world, start, Goal(np.array(goal)), **more), bug.local_planner.strategy
+    return drive(bug, world, start, Goal(np.array(goal)), **more), bug.controller.strategy
 
 
 @pytest.mark.parametrize("share", [1.15, 1.4])

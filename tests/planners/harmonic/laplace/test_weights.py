@@ -1,11 +1,14 @@
-"""Weights of the levels, renewed in part or carried from map to map. Oracles: all weights anew, and the walk's equations."""
+"""Weights of the levels, renewed in part or carried from map to map. Oracles: all weights anew, the walk's equations, and the
+walk of level 1 written down with a dense matrix."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from robocar.planners.harmonic.laplace import Multigrid, laplace_problem, solve
+from robocar.planners.harmonic.laplace import LaplaceProblem, Multigrid, laplace_problem, solve
 from robocar.planners.harmonic.laplace.carry import carry
 from tests.planners.harmonic.laplace.problems import two_rooms
 
@@ -141,3 +144,71 @@ def test_weights_of_a_walk_sum_to_one_and_fit_its_equations() -> None:
         rows = np.add.reduceat(level.probability, level.indptr[:-1])
         np.testing.assert_allclose(rows + level.goal, 1.0, rtol=1e-12)
         assert np.all(level.probability > 0)
+
+
+class Walk(NamedTuple):
+    """Of level 1: the probabilities of steps (n, n), of steps to the goal and into walls (n,), what meets at the nodes (n,), and
+    the weight of each cell in its node's balance (rows + 2, cols + 2)."""
+
+    probability: np.ndarray
+    goal: np.ndarray
+    loss: np.ndarray
+    conductance: np.ndarray
+    share: np.ndarray
+
+
+def naive_walk(problem: LaplaceProblem, parent: np.ndarray, w: np.ndarray, conditioned: bool) -> Walk:
+    """From cell to cell with the conductance w_i w_j, or 1 unless it is conditioned on w, gathered over the nodes.
+
+    Links between nodes count half, those to the goal 0.85 of it where conditioned. What w exceeds the sum of its neighbours by,
+    over the degree, is lost, and may be gained, up to half of the other conductances; unconditioned, the part of the degree that
+    is no free neighbour, two thirds of it.
+    """
+    n = int(parent.max()) + 1
+    links, goal, lost, share = np.zeros((n, n)), np.zeros(n), np.zeros(n), np.zeros(parent.shape)
+    for r, c in np.argwhere(parent >= 0):
+        node, beside = parent[r, c], [(r - 1, c), (r + 1, c), (r, c - 1), (r, c + 1)]
+        degree, mine = 1.0 / problem.inverse_degree[r, c], w[r, c] if conditioned else 1.0
+        share[r, c] = degree * mine**2
+        for other in beside:
+            conductance = mine * w[other] if conditioned else 1.0
+            if parent[other] >= 0 and parent[other] != node:
+                links[node, parent[other]] += 0.5 * conductance
+            elif parent[other] < 0 and w[other] > 0:
+                goal[node] += conductance * (0.85 if conditioned else 1.0)
+        if conditioned:
+            lost[node] += mine * (degree * mine - sum(w[other] for other in beside))
+        else:
+            lost[node] += 2.0 / 3.0 * (degree - sum(parent[other] >= 0 or w[other] > 0 for other in beside))
+    if conditioned:
+        lost = np.maximum(lost, -0.5 * (links.sum(axis=1) + goal))
+    total = links.sum(axis=1) + goal + lost
+    total[total == 0.0] = 1.0
+    shares = np.where(parent >= 0, share / total[parent], 0.0)
+    return Walk(links / total[:, None], goal / total, lost / total, total, shares)
+
+
+@pytest.mark.parametrize("conditioned", [True, False], ids=["conditioned", "plain"])
+@pytest.mark.parametrize("parts", [(1.0, 0.0), (0.5, 0.01), (0.0, 0.02)], ids=["absorbing", "leaking", "reflecting"])
+def test_the_walk_of_the_first_level_is_the_one_gathered_from_the_cells(parts: tuple[float, float], conditioned: bool) -> None:
+    """Oracle: a dense matrix, cell by cell; random maps of all sizes and any positive w, one or two goals."""
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        blocked = rng.random(rng.integers(2, 24, 2)) < rng.choice([0.0, 0.2, 0.4])
+        goal = np.argwhere(~blocked)[:: max(1, int(np.count_nonzero(~blocked) * 0.6))]
+        if len(goal) == 0:
+            continue
+        problem = laplace_problem(blocked, goal, *parts)
+        if not problem.unknowns.any():
+            continue
+        w = np.where(problem.inverse_degree > 0, rng.uniform(0.1, 1.0, problem.inverse_degree.shape), problem.start_field())
+        levels = Multigrid(problem)
+        levels._reweigh(w, conditioned)
+        first, expected = levels.levels[0], naive_walk(problem, levels.parent, w, conditioned)
+        found = np.zeros((first.size, first.size))
+        found[np.repeat(np.arange(first.size), np.diff(first.indptr)), first.indices] = first.probability
+        np.testing.assert_allclose(found, expected.probability, rtol=1e-12)
+        np.testing.assert_allclose(first.goal, expected.goal, rtol=1e-12)
+        np.testing.assert_allclose(first.loss, expected.loss, rtol=1e-10, atol=1e-13)
+        np.testing.assert_allclose(np.exp2(first.log_weight), expected.conductance, rtol=1e-12)
+        np.testing.assert_allclose(levels.share, expected.share, rtol=1e-6)

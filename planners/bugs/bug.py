@@ -1,4 +1,4 @@
-"""A bug as a local planner: looks, has its strategy decide, and moves."""
+"""A bug as a controller: looks, has its strategy decide, and moves."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from robocar.core import (
     SE2,
     STOP,
     Array,
-    Belief,
     Command,
     Context,
     Costmap,
@@ -21,12 +20,13 @@ from robocar.core import (
     Observation,
     Path,
     Robot,
-    Scalar,
+    State,
     Text,
     Twist,
     frozen_array,
     wrap_angle,
 )
+from robocar.core.compiling import trial_robot, warm_up
 from robocar.core.trace import Drawable
 from robocar.planners.bugs.motion import Motion
 from robocar.planners.bugs.open_points import VirtualCircle, find_open_points
@@ -52,7 +52,7 @@ _BACKING = "too close to turn: backing out"
 
 
 class Bug:
-    """A bug as a local planner: what it sees, what its strategy decides, and the motion that carries it out.
+    """A bug as a controller: what it sees, what its strategy decides, and the motion that carries it out.
 
     Args:
         robot: needs a laser or sonars all round, see `Surround`.
@@ -68,18 +68,7 @@ class Bug:
         self.strategy = strategy
         self._motion = Motion(robot, p)
         self._surround = Surround(robot, 2.0 * math.atan(self.circle.radius / p.detection_distance))
-        self._forget()
-        _warm_up(self._motion)
-        self._motion.forget()
-
-    def reset(self, rng: np.random.Generator) -> None:
-        """A new episode; there is no chance in it."""
-        self._surround.forget()
-        self._motion.forget()
-        self.strategy.reset()
-        self._forget()
-
-    def _forget(self) -> None:
+        _warm_up()
         self.iterations = self.turns = 0
         self._panorama: ScanPanorama | None = None
         self._hits = np.empty((0, 2))
@@ -87,11 +76,9 @@ class Bug:
         self._note = ""
         self._cramped = True  # until it has been seen that it can turn where it starts
 
-    def command(
-        self, belief: Belief, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal
-    ) -> Command:
+    def command(self, state: State, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal) -> Command:
         """The twist until the next scan; path and costmap are not needed."""
-        pose = belief.pose
+        pose = state.belief.pose
         panorama = self._surround.panorama(observation, pose)
         if panorama is not None and panorama.lost:
             self._panorama = None
@@ -122,12 +109,13 @@ class Bug:
         if self._cramped:
             return Drive(self._motion.back_out(pose, self._hits, observation.time), trace=self._said(_BACKING))
         move = self.strategy.step(view)
-        trace = self._count(move) | (self.strategy.trace(view) if view.fresh else {})
+        work = {"replans": 1} if self._is_new(move) else {}
+        trace = self.strategy.trace(view) if view.fresh else {}
         if isinstance(move, GiveUp):
-            return replace(move, trace=trace | dict(move.trace))
+            return replace(move, trace=trace | dict(move.trace), work=work)
         twist = self._twist(move, view)
         trace |= self._said(_BACKING if self._motion.backing else "")
-        return Drive(twist, trace=trace)
+        return Drive(twist, trace=trace, work=work)
 
     def _twist(self, move: To | Along | Stand, view: BugView) -> Twist:
         motion, time = self._motion, view.time
@@ -147,8 +135,8 @@ class Bug:
             return self._motion.stand(time)
         return self._motion.turn(pose, self._hits, pose.theta + turn, time)
 
-    def _count(self, move: Move) -> dict[str, Drawable]:
-        """An iteration is a new straight motion: to another point, or along a heading more than 10 degrees away."""
+    def _is_new(self, move: Move) -> bool:
+        """Whether an iteration begins, a new straight motion: to another point, or along a heading more than 10 degrees away."""
         counted = self._counted
         if isinstance(move, To):
             new = not (isinstance(counted, np.ndarray) and np.array_equal(counted, move.point))
@@ -157,10 +145,9 @@ class Bug:
             new = not isinstance(counted, float) or abs(wrap_angle(counted - move.heading)) > NEW_HEADING
             self._counted = move.heading if new else counted
         else:
-            return {}
+            return False
         self.iterations += new
-        # `replans` is the name under which the metrics count decisions.
-        return {"replans": Scalar(self.iterations)} if new else {}
+        return new
 
     def _said(self, note: str) -> dict[str, Drawable]:
         """A line of the log, once."""
@@ -168,8 +155,9 @@ class Bug:
         return {"bug": Text(note, "WARN")} if new else {}
 
 
-def _warm_up(motion: Motion) -> None:
-    """Compiled here, not in the control loop."""
+@warm_up
+def _warm_up() -> None:
+    motion = Motion(trial_robot(), BugParameters())
     points = np.array([[0.5, 0.1], [0.5, -0.1], [0.1, 0.3]])
     free_way(points, 0.0, 0.0, 0.0, 0.1, 1.0)
     room_at(points, 0.0, 0.0)

@@ -1,6 +1,6 @@
-"""What a control tick of the local planners costs, and random trees against OMPL's in the same run.
+"""What a control tick of the controllers costs, and random trees against OMPL's in the same run.
 
-`python -m robocar.benchmarks.bench_local_planners` (part of `make bench`). Times are medians of many calls, and the shortest,
+`python -m robocar.benchmarks.bench_controllers` (part of `make bench`). Times are medians of many calls, and the shortest,
 which a busy machine disturbs least. OMPL's world of circles and its queries are read from `$ROBOCAR_DATA/references`; without
 them, or without OMPL, that table is left out and says so.
 """
@@ -17,7 +17,7 @@ import numpy as np
 from rich.console import Console
 
 from robocar.benchmarks.bench_planners import CAR, PERIOD, table
-from robocar.core import SE2, Belief, Drive, Goal, Observation, OccupancyGrid, Path, Scan
+from robocar.core import SE2, Belief, Drive, Goal, Observation, OccupancyGrid, Path, Scan, State
 from robocar.core.rays import cast_rays
 from robocar.planners.controllers.dwa import DynamicWindow
 from robocar.planners.controllers.mppi import MPPI
@@ -49,7 +49,7 @@ def timed(call: Callable[[int], object], count: int) -> tuple[float, float]:
     return float(np.median(times)), float(np.min(times))
 
 
-def local_planners(console: Console, count: int) -> None:
+def controllers(console: Console, count: int) -> None:
     """Cycles on a 6 x 6 m costmap, driving along its middle between posts."""
     grid = world(np.random.default_rng(0))
     costmap = inflate(grid, CAR.footprint.inscribed_radius, CostmapParameters(walled=False))
@@ -63,7 +63,7 @@ def local_planners(console: Console, count: int) -> None:
         state = [SE2(-2.5, 0.0, 0.0)]
 
         def tick(k: int, planner: DynamicWindow | MPPI = planner, state: list[SE2] = state) -> None:
-            command = planner.command(Belief(state[0]), path, costmap, Observation(k * PERIOD), goal)
+            command = planner.command(State.of(Belief(state[0])), path, costmap, Observation(k * PERIOD), goal)
             if isinstance(command, Drive):
                 state[0] = state[0] @ command.twist.step(PERIOD)
             if state[0].x > 1.5:
@@ -79,7 +79,7 @@ def local_planners(console: Console, count: int) -> None:
         scans.append((pose, Observation(0.0, lidar=Scan(0.0, ranges, fan, 5.6))))
     median, least = timed(lambda k: local.update(*scans[k]), count)
     rows.append(["local costmap update, 570 beams, 6 x 6 m", f"{median * 1e3:.2f}", f"{least * 1e3:.2f}", "1.0"])
-    table(console, "A tick of the local planners [ms]", ["what", "median", "shortest", "target"], rows)
+    table(console, "A tick of the controllers [ms]", ["what", "median", "shortest", "target"], rows)
 
 
 def references() -> tuple[TreeObstacles, list[tuple[np.ndarray, np.ndarray]]] | None:
@@ -172,7 +172,7 @@ def rrt_star(console: Console) -> None:
 def main(count: int = 300) -> None:
     """Prints the tables; `count` ticks each."""
     console = Console(width=140)
-    local_planners(console, count)
+    controllers(console, count)
     against_ompl(console)
     rrt_star(console)
 

@@ -1,0 +1,67 @@
+"""What a part is or needs beyond its protocol: declared at its factory, never guessed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+@dataclass(frozen=True, slots=True)
+class Capabilities:
+    """What `declares` says of a factory.
+
+    Args:
+        explores: a navigator that draws a map instead of going to the goal: it needs a map and ends with `Done`.
+        maps: an estimator that gives a whole `State`, map included (SLAM); others give a `Belief`.
+        complete: a mapper whose grid shows every obstacle as it is now (`MapView.complete`).
+        oracle: an estimator that is given the simulator's truth (`Context.oracle`); without a simulator it cannot be built.
+        parameters: dataclasses whose fields may be set, by part, `{"": (Mine,), "controller": (DwaParameters,)}`: `""` is the
+            algorithm itself. For factories of other packages; ours stand in `robocar/episode/algorithms.py`.
+    """
+
+    explores: bool = False
+    maps: bool = False
+    complete: bool = False
+    oracle: bool = False
+    parameters: Mapping[str, tuple[type, ...]] = field(default_factory=dict)
+
+
+_NONE = Capabilities()
+_DECLARED: dict[Any, Capabilities] = {}
+
+
+def declares(
+    *,
+    explores: bool = False,
+    maps: bool = False,
+    complete: bool = False,
+    oracle: bool = False,
+    parameters: Mapping[str, tuple[type, ...]] = MappingProxyType({}),
+) -> Callable[[F], F]:
+    """A decorator for factories, `@declares(explores=True)`: see `Capabilities`.
+
+    Raises:
+        TypeError: parameters that are no dataclasses with defaults.
+    """
+    for part, classes in parameters.items():
+        for cls in classes:
+            if not (isinstance(cls, type) and is_dataclass(cls) and all(f.default is not MISSING for f in fields(cls))):
+                raise TypeError(f"parameters of part {part!r} must be dataclasses whose fields have defaults, not {cls!r}")
+
+    def declare(factory: F) -> F:
+        _DECLARED[factory] = Capabilities(explores, maps, complete, oracle, parameters)
+        return factory
+
+    return declare
+
+
+def capabilities_of(factory: object) -> Capabilities:
+    """What was declared for a factory; nothing where nothing was."""
+    try:
+        return _DECLARED.get(factory, _NONE)
+    except TypeError:  # an object that cannot be hashed, so nothing was declared for it
+        return _NONE

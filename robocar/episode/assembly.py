@@ -1,0 +1,93 @@
+"""The parts of a run, or of a replay, put together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from robocar.core import SE2, Context, Estimator, Landmark, Navigator, OccupancyGrid, ParameterError, Robot, ScenarioError
+from robocar.core.randomness import stream
+from robocar.core.truth import GroundTruth
+from robocar.episode.algorithms import Kind
+from robocar.episode.registry import build, capabilities
+from robocar.episode.spec import RunSpec
+from robocar.estimation.cascade import Cascade
+from robocar.estimation.odometry.odometry import OdometryEstimator
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """What the parts are told, and the parts made from it.
+
+    Args:
+        robot: the machine.
+        prior: the map that it is given, or None; start: the pose that it is told, or None.
+        landmarks: that it is told of.
+        control_period: [s].
+        oracle: the simulator's truth, for the part that declares that it wants it; None without a simulator.
+    """
+
+    spec: RunSpec
+    robot: Robot
+    prior: OccupancyGrid | None
+    start: SE2 | None
+    landmarks: tuple[Landmark, ...]
+    control_period: float
+    oracle: Callable[[], GroundTruth] | None = None
+
+    @property
+    def explores(self) -> bool:
+        """Whether the navigator draws a map instead of going to the scenario's goal.
+
+        Raises:
+            ParameterError: it does, and nothing draws a map.
+        """
+        explores = capabilities("navigator", self.spec.navigator).explores
+        if explores and self.spec.mapper == "none" and not capabilities("estimator", self.spec.estimator).maps:
+            raise ParameterError("a navigator that explores needs a map: --mapper laser or --mapper sonar")
+        return explores
+
+    @property
+    def draws_map(self) -> bool:
+        """Whether somebody draws a map."""
+        return self.spec.mapper != "none" or capabilities("estimator", self.spec.estimator).maps
+
+    @property
+    def knows_truth(self) -> bool:
+        """Whether the estimator is the oracle, so that there is no localization to judge."""
+        return capabilities("estimator", self.spec.estimator).oracle
+
+    def navigator(self) -> Navigator:
+        """See `registry.build`."""
+        return self._part("navigator", self.spec.navigator)
+
+    def estimator(self) -> Estimator:
+        """Pose estimator and mapper as one, or the estimator that is both.
+
+        Raises:
+            ScenarioError: an estimator that draws a map itself, with a mapper beside it; or the oracle without a simulator.
+        """
+        spec = self.spec
+        declared = capabilities("estimator", spec.estimator)
+        if declared.maps and spec.mapper != "none":
+            raise ScenarioError(f"estimator {spec.estimator!r} draws the map itself, and needs no mapper: --mapper none")
+        if declared.oracle and self.oracle is None:
+            raise ScenarioError(f"the pose oracle needs a simulator: a log cannot be replayed with --estimator {spec.estimator}")
+        estimator = self._part("estimator", spec.estimator, self.oracle if declared.oracle else None)
+        if declared.maps:
+            return estimator
+        return Cascade(estimator, self._part("mapper", spec.mapper), capabilities("mapper", spec.mapper).complete)
+
+    def odometry(self) -> OdometryEstimator:
+        """Dead reckoning beside the estimator, for metrics and pictures."""
+        return OdometryEstimator(self._context("odometry"))
+
+    def _part(self, kind: Kind, name: str, oracle: Callable[[], GroundTruth] | None = None) -> Any:
+        given = dict(self.spec.parameters.get(kind, {}))
+        context = replace(self._context(f"{kind}/{name}"), parameters=given, path=kind)
+        return build(kind, name, context if oracle is None else replace(context, oracle=oracle))
+
+    def _context(self, component: str) -> Context:
+        rng = stream(self.spec.seed, component)
+        return Context(self.robot, self.prior, self.start, self.landmarks, {}, rng, self.control_period)

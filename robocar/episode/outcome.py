@@ -1,0 +1,49 @@
+"""How a robot's part of an episode ended, and what ends it when a part of ours or of others fails."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from robocar.core import OutputError
+
+
+@dataclass(slots=True, kw_only=True)
+class Outcome:
+    """Empty while it goes on.
+
+    Args:
+        status: see `robocar.episode.result.RunResult`.
+        reason: in words.
+        traceback: of the error, where one ended it.
+    """
+
+    status: str = ""
+    reason: str = ""
+    traceback: str = ""
+
+    @property
+    def done(self) -> bool:
+        return bool(self.status)
+
+    def end(self, status: str, reason: str) -> None:
+        """Ends it, unless it is over already."""
+        if not self.done:
+            self.status, self.reason = status, reason
+
+    @contextmanager
+    def failures(self) -> Iterator[None]:
+        """What a part raises in here is the outcome, even where another was found before; the process goes on.
+
+        Raises:
+            OutputError: the recording cannot be written.
+        """
+        try:
+            yield
+        except OutputError:
+            raise
+        except (Exception, SystemExit) as error:  # also a mapper's grid or a trace that cannot be drawn
+            self.status, self.reason = "error", f"{type(error).__name__}: {error}"
+            self.traceback = traceback.format_exc()

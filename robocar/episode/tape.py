@@ -1,0 +1,153 @@
+"""What can be replayed: runs of ours, and logs of others, as observations with what is known of the robot and its world."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from robocar.core import (
+    SE2,
+    Array,
+    Command,
+    Hold,
+    LogFormatError,
+    Observation,
+    OccupancyGrid,
+    RangeSensor,
+    Robot,
+    Scan,
+    wrap_angles,
+)
+from robocar.core.truth import GroundTruth
+from robocar.formats import Trajectory
+from robocar.formats.load_log import is_log, load_log
+from robocar.formats.log import Log
+from robocar.scenario.model import Scenario
+from robocar.scenario.scene import Scene
+from robocar.sim.robot_model import RobotModel
+
+_CONTROL_PERIOD = 0.1  # [s] of logs, which do not say
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tape:
+    """What is replayed, and the circumstances that it was made in.
+
+    Args:
+        steps: observations, each with the command that followed.
+        scene: the world, where it is known.
+        seed, settings, estimator: of the run that it was.
+    """
+
+    steps: tuple[tuple[Observation, Command], ...]
+    robot: Robot
+    log: Log
+    prior: OccupancyGrid | None
+    control_period: float
+    scenario: Scenario
+    scene: Scene | None = None
+    seed: int = 0
+    settings: Mapping[str, Any] | None = None
+    estimator: str | None = None
+
+    @property
+    def summary(self) -> str:
+        """How long it is, and which lines of the log made no sense."""
+        text = f"{len(self.steps)} observations of {self.log.path}"
+        if self.log.skipped:
+            first = "; ".join(self.log.skipped[:3])
+            text += f", {len(self.log.skipped)} lines skipped ({first}{'; ...' if len(self.log.skipped) > 3 else ''})"
+        return text
+
+    def truth(self) -> list[GroundTruth | None]:
+        """What is known of the truth at each step."""
+        poses = truth_at(self.log.truth, [observation.time for observation, _ in self.steps])
+        if poses is None:
+            return [None] * len(self.steps)
+        return [
+            None if np.isnan(pose[0]) else GroundTruth(observation.time, SE2(*map(float, pose)))
+            for (observation, _), pose in zip(self.steps, poses, strict=True)
+        ]
+
+
+def open_tape(source: Path) -> Tape:
+    """The log at a path, whatever its format.
+
+    Raises:
+        LogFormatError: nothing is there, or nothing that is known.
+    """
+    if source.is_dir() and (source / "run.rrd").is_file():
+        return _run_tape(source)
+    if source.is_dir() and not is_log(source):
+        raise LogFormatError(f"{source}: neither a run directory (run.rrd) nor an MRCLAM data set (Barcodes.dat)")
+    if source.is_file() and source.name == "run.rrd":
+        return _run_tape(source.parent)
+    return _log_tape(load_log(source))
+
+
+def _log_tape(log: Log) -> Tape:
+    """A robot of which only its log is known: its size does not matter, it sees what the log holds."""
+    model = RobotModel.load()
+    robot = Robot(
+        model.footprint,
+        model.limits,
+        model.calibration(),
+        model.drive.pulses_per_turn,
+        lidar=next((_laser(o.lidar) for o in log.observations if o.lidar is not None), None),
+        camera=bool(log.landmarks),
+    )
+    name = log.path.name.partition(".")[0] or "log"
+    # Nothing but the name matters of it: where the run directory is named and described, a scenario is asked for.
+    scenario = Scenario(name=name, description=f"{log.kind} log", map="none", prior="none", start=(0.0, 0.0, 0.0))
+    return Tape(tuple((o, Hold()) for o in log.observations), robot, log, None, _CONTROL_PERIOD, scenario)
+
+
+def _laser(scan: Scan) -> RangeSensor:
+    """The scanner that took a scan."""
+    return RangeSensor(
+        scan.name or "laser", scan.robot_from_sensor, scan.bearings, scan.beam_width, 0.0, scan.max_range, _CONTROL_PERIOD
+    )
+
+
+def _run_tape(folder: Path) -> Tape:
+    """A run of ours: its recording holds what was sensed, its `config.yaml` the world."""
+    from robocar.recording import read_observations, read_trajectory
+
+    try:
+        config = yaml.safe_load((folder / "config.yaml").read_text())
+        seed, settings, estimator = int(config["seed"]), dict(config["settings"]), str(config["estimator"])
+        if config["navigator"] == "replay" and config["scenario"]["map"] == "none":
+            raise LogFormatError(f"{folder}: the replay of a log holds no world; replay the log itself")
+        place = {"folder": Path(config["folder"])} if "folder" in config else {}
+        scenario = Scenario.model_validate(config["scenario"] | place)
+    except (OSError, KeyError, TypeError, ValueError, yaml.YAMLError) as error:
+        raise LogFormatError(f"{folder / 'config.yaml'}: not the configuration of a run: {error}") from error
+    model = scenario.robot_model()
+    robot = model.describe(scenario.robot.fit_out, scenario.robot.sensors)
+    scene = Scene.load(scenario, model.footprint)
+    times, poses = read_trajectory(folder / "run.rrd", "world/truth")
+    steps = tuple(read_observations(folder / "run.rrd"))
+    start = scene.start if scenario.start_known else None
+    log = Log(folder, "run", tuple(o for o, _ in steps), scene.landmarks, Trajectory(times, poses), start)
+    period = scenario.robot.physics.control_period
+    return Tape(steps, robot, log, scene.prior, period, scenario, scene, seed, settings, estimator)
+
+
+def truth_at(truth: Trajectory | None, times: list[float]) -> Array | None:
+    """True poses (n, 3) at these times, on the straight line between two known ones; nan before the first and after the last."""
+    if truth is None or len(truth.times) == 0:
+        return None
+    at, (first, last) = np.array(times), truth.times[[0, -1]]
+    ends = (np.abs(at - first) < 1e-6) | (np.abs(at - last) < 1e-6)  # recordings keep times in whole nanoseconds
+    at[ends] = np.clip(at[ends], first, last)
+    turns = np.concatenate([truth.poses[:1, 2], truth.poses[:1, 2] + np.cumsum(wrap_angles(np.diff(truth.poses[:, 2])))])
+    columns = [np.interp(at, truth.times, column, left=np.nan, right=np.nan) for column in (*truth.poses[:, :2].T, turns)]
+    poses = np.stack(columns, axis=1)
+    finite = np.isfinite(poses[:, 2])
+    poses[finite, 2] = wrap_angles(poses[finite, 2])
+    return poses

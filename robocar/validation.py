@@ -1,0 +1,157 @@
+"""YAML files that people write: read, and validated into a pydantic model with errors in our words."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, BeforeValidator, Field, ValidationError
+
+from robocar.core import ScenarioError
+from robocar.core.suggestions import did_you_mean
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def _no_flag(value: Any) -> Any:
+    """YAML's `yes` and `on` are flags, which Python would take for the number 1."""
+    if isinstance(value, bool):
+        raise ValueError(f"expected a number, not {value}")
+    return value
+
+
+Finite = Annotated[float, BeforeValidator(_no_flag), Field(allow_inf_nan=False)]
+NotNegative = Annotated[float, BeforeValidator(_no_flag), Field(ge=0, allow_inf_nan=False)]
+NotPositive = Annotated[float, BeforeValidator(_no_flag), Field(le=0, allow_inf_nan=False)]
+Positive = Annotated[float, BeforeValidator(_no_flag), Field(gt=0, allow_inf_nan=False)]
+Count = Annotated[int, BeforeValidator(_no_flag), Field(gt=0, le=2**53)]
+"""As far as floats count."""
+
+_POSITIVE = (
+    "period",
+    "timestep",
+    "control_period",
+    "max_range",
+    "beam_width",
+    "resolution",
+    "width",
+    "height",
+    "opening",
+    "beams",
+)
+
+
+class _Loader(yaml.SafeLoader):
+    """A key that stands twice in a mapping is an error, as YAML has it: PyYAML takes the second one silently."""
+
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        # Of the nodes as they are written, before `<<` merges others into them, whose keys may be set anew.
+        node = super().compose_mapping_node(anchor)
+        keys = [key for key, _ in node.value if isinstance(key, yaml.ScalarNode)]  # others are refused as unhashable
+        seen = set()
+        for key in keys:
+            if (key.tag, key.value) in seen:
+                raise yaml.MarkedYAMLError(problem=f"the key {key.value!r} stands twice", problem_mark=key.start_mark)
+            seen.add((key.tag, key.value))
+        return node
+
+
+def read_mapping(path: Path, what: str) -> dict[str, Any]:
+    """The mapping in a YAML file; `what` it is, for the message.
+
+    Raises:
+        ScenarioError: the file cannot be read, or holds none; with the line where there is one.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise ScenarioError(f"{path}: cannot be read: {error}") from error
+    try:
+        content = yaml.load(text, _Loader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f" line {mark.line + 1}:" if mark is not None else ""
+        raise ScenarioError(f"{path}:{line} not YAML: {getattr(error, 'problem', error)}") from error
+    except (ValueError, RecursionError) as error:  # the date 2020-13-45, a number of 5000 digits, a thousand brackets
+        raise ScenarioError(f"{path}: not YAML: {error}") from error
+    if not isinstance(content, dict):
+        raise ScenarioError(f"{path}: {what} is a mapping of keys to values, not {type(content).__name__}")
+    return content
+
+
+def refuse_senseless(cls: Any, values: Mapping[str, Any], where: str = "") -> None:
+    """Parameters of the dataclass `cls` come without negative numbers, and what divides (periods, sizes, ranges) without zeros.
+
+    A period that is zero by default may be zero: as often as possible.
+
+    Raises:
+        ValueError: one of `values` makes no sense; the message says which and what would.
+    """
+    defaults = {field.name: field.default for field in fields(cls)}
+    for name, value in values.items():
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            continue
+        path = f"{where}.{name}" if where else name
+        zero_is_fine = name not in _POSITIVE or defaults[name] == 0
+        # An int may be larger than any float.
+        if not (abs(value) <= sys.float_info.max and (value >= 0 if zero_is_fine else value > 0)):
+            raise ValueError(
+                f"{path}: expected a finite number {'from 0 on' if zero_is_fine else 'above 0'}, not {_shown(value)}"
+            )
+        if name == "dropout" and value > 1:
+            raise ValueError(f"{path}: expected a share of the readings, 0 to 1, not {value}")
+
+
+def validated(model: type[Model], content: Mapping[str, Any], where: str) -> Model:
+    """The content as a `model`.
+
+    Raises:
+        ScenarioError: naming `where` and every field that is wrong, its value and what would be valid.
+    """
+    try:
+        return model.model_validate(dict(content))
+    except ValidationError as error:
+        raise ScenarioError(f"{where}: " + "; ".join(_explain(model, e) for e in error.errors())) from error
+
+
+def _explain(model: type[BaseModel], error: Any) -> str:
+    """One pydantic error in our words."""
+    location = [part for part in error["loc"] if not (isinstance(part, str) and ("[" in part or part.startswith("function-")))]
+    field = ".".join(str(part) for part in location)
+    if error["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+        known = _keys_at(model, location[:-1])
+        return f"unknown key {field!r}{did_you_mean(str(location[-1]), known)}; known: {', '.join(known)}"
+    if error["type"] == "missing" and isinstance(location[-1], int):
+        return f"{'.'.join(map(str, location[:-1]))}: number {location[-1] + 1} is missing"
+    if error["type"] == "missing":
+        return f"missing key {field!r}"
+    if error["type"] == "too_long":
+        return f"{field}: at most {error['ctx']['max_length']} numbers, not {_shown(error['input'])}"
+    message = error["msg"].removeprefix("Value error, ")
+    if error["type"] == "value_error":
+        return f"{field}: {message}" if field else message
+    return f"{field}: {message}, not {_shown(error['input'])}"
+
+
+def _shown(value: Any) -> str:
+    """As it is written in Python, or its beginning."""
+    text = repr(value)
+    return text if len(text) <= 100 else f"{text[:97]}..."
+
+
+def _keys_at(model: type[BaseModel], location: Sequence[int | str]) -> list[str]:
+    """Valid keys of the part of the model that a location leads to."""
+    schema = model.model_json_schema()
+    node: dict[str, Any] = schema
+    for part in location:
+        inner = node.get("items") if isinstance(part, int) else node.get("properties", {}).get(part)
+        node = inner or node.get("additionalProperties") or {}
+        for choice in (node, *node.get("anyOf", []), *node.get("allOf", [])):
+            if "$ref" in choice:
+                node = schema["$defs"][choice["$ref"].rpartition("/")[2]]
+                break
+    return [key for key in node.get("properties", {}) if key != "folder"]
