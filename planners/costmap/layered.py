@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -123,6 +124,8 @@ class LayeredCostmap:
         robot: for its inscribed radius.
     """
 
+    frame: ClassVar[Literal["map", "odom"]] = "map"
+
     def __init__(self, prior: OccupancyGrid | None, robot: Robot, parameters: CostmapParameters | None = None) -> None:
         self.parameters = parameters or CostmapParameters()
         self._prior = prior
@@ -186,7 +189,7 @@ class LayeredCostmap:
         if self._costmap is None:
             costs = self._costs.copy()
             costs.flags.writeable = False
-            self._costmap = Costmap(costs, self._place.resolution, self._place.origin)
+            self._costmap = Costmap(costs, self._place.resolution, self._place.origin, self.frame)
         return self._costmap
 
     def _set_ground(

@@ -37,7 +37,7 @@ from robocar.core import (
     Trace,
 )
 from robocar.core.compiling import warm_up
-from robocar.core.trace import PLAN_COLOR, LazyTrace, merged
+from robocar.core.trace import PLAN_COLOR, LazyTrace, merged, transformed
 from robocar.core.work import Work, total
 from robocar.planners.controllers.pure_pursuit import STOPPING_SHARE
 from robocar.planners.costmap import layered as layered
@@ -45,6 +45,7 @@ from robocar.planners.costmap.layered import LayeredCostmap
 from robocar.planners.costmap.rolling import RollingCostmap, RollingCostmapParameters
 from robocar.planners.geometry.polyline import blocked_ahead, nearest_on_path
 from robocar.planners.navigators import recovery as behaviours
+from robocar.planners.navigators.local_frame import LocalFrame
 from robocar.planners.navigators.recovery import Recovery, Watch, standing
 from robocar.planners.search.grid_search import nearest_free
 
@@ -121,6 +122,7 @@ class PlanAndFollow:
         self._cleared_at: Array | None = None
         self._clearings = 0
         self._bare = False
+        self._frame = LocalFrame()
         _warm_up()
 
     def _clear(self) -> None:
@@ -137,16 +139,20 @@ class PlanAndFollow:
         if new_goal:
             self._clearings = 0
             self.costmap.cover(np.array([pose.position, goal.position]))
-        self.costmap.update(pose, observation)
-        if self.local_costmap is not None:
-            self.local_costmap.update(pose, observation)
-        time = observation.time
+        local = state
+        if self.local_costmap is None:
+            self.costmap.update(pose, observation)
+        else:
+            self.costmap.update(self._frame.follow(state), observation)
+            local = self._frame.state(state)
+            self.local_costmap.update(local.belief.pose, observation, self._frame.map_from_odom)
+        here, time = local.belief.pose, observation.time
         if self._watch is not None and (silent := self._watch.silent(observation)):
             self._watch.restart()
             return standing(f"no reading of the {silent}: standing")
-        if self.recovery is not None and self.recovery.running and (evasion := self._evasion(state, observation)) is not None:
-            return evasion
-        if self.recovery is not None and (step := self.recovery.step(pose, self._local(), time)) is not None:
+        if self.recovery is not None and self.recovery.running and (evasion := self._evasion(local, observation)) is not None:
+            return self._frame.drawn(evasion, state)
+        if self.recovery is not None and (step := self.recovery.step(here, self._local(), time)) is not None:
             return step
         trace: Trace = {}
         work: Work = {}
@@ -156,7 +162,7 @@ class PlanAndFollow:
                 plan = self._plan(pose, goal)
             except PlanningError as error:
                 self._goal, self._path = goal, None
-                return self._failed(pose, time, GiveUp(str(error), trace=error.trace), error)
+                return self._failed(here, time, GiveUp(str(error), trace=error.trace), error)
             work = plan.work if new_goal else {"replans": 1, **plan.work}
             self._goal, self._planned_at = goal, time
             self._follow(plan.path)
@@ -164,15 +170,23 @@ class PlanAndFollow:
         assert self._target is not None
         if _arrived(pose, self._target):
             return replace(STOP, trace=trace, work=work)
-        command = self.controller.command(state, self._path, self._local(), observation, self._target)
+        command = self._drive(local, state, observation)
         if isinstance(command, GiveUp):
-            command = self._failed(pose, time, command)
-        elif self._watch is not None and self._watch.lost_progress(pose, time):
-            command = self._failed(pose, time, GiveUp("no progress", "stuck"))
+            command = self._failed(here, time, command)
+        elif self._watch is not None and self._watch.lost_progress(here, time):
+            command = self._failed(here, time, GiveUp("no progress", "stuck"))
         if self.local_costmap is not None and time - self._shown_at >= _SHOW_PERIOD:
             self._shown_at = time
-            trace = merged(trace, {"costmap/local": Field(self._local())})
+            trace = merged(trace, transformed({"costmap/local": Field(self._local())}, state.map_from_odom))
         return replace(command, trace=merged(trace, command.trace), work=total(work, command.work)) if trace else command
+
+    def _drive(self, local: State, state: State, observation: Observation) -> Command:
+        """What the controller says, which is given everything in the frame of its costmap."""
+        assert self._path is not None and self._target is not None
+        path, target, costmap = self._path, self._target, self._local()
+        if costmap.frame == "odom":
+            path, target = self._frame.path(path, self._segment), self._frame.goal(target, state)
+        return self._frame.drawn(self.controller.command(local, path, costmap, observation, target), state)
 
     def _evasion(self, state: State, observation: Observation) -> Command | None:
         """Out of the way of something that comes during a recovery, which goes on afterwards."""

@@ -110,3 +110,9 @@ class Twist:
             return SE2(self.v * dt, 0.5 * self.v * dt * turn, turn)
         radius = self.v / self.omega
         return SE2(radius * math.sin(turn), radius * 2.0 * math.sin(0.5 * turn) ** 2, turn)  # 1 - cos, without cancelling
+
+
+def shift(before: SE2, now: SE2, around: SE2, reach: float) -> float:
+    """How far two placements of the same frame put what lies within `reach` [m] of a pose in it apart, at most [m]."""
+    turn = abs(math.remainder(now.theta - before.theta, math.tau))
+    return math.dist(before.apply(around.x, around.y), now.apply(around.x, around.y)) + turn * reach

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -139,23 +140,29 @@ class OccupancyGrid(GridMap):
         return self.data < 0
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class Costmap(GridMap):
     """Traversal costs: 0 free ... 252, 253 inscribed, 254 lethal, 255 unknown, (rows, cols) uint8.
 
     A cell at 253 or above must not hold the robot's centre. What unknown cells mean is decided where the costmap is made
     (`robocar.planners.costmap.layered`): a planner sees 255 as blocked, so a map that may be crossed unseen holds a low cost
     there.
+
+    Args:
+        frame: of `origin`, REP-105: `map`, or `odom`, which corrections of the pose do not move.
     """
 
-    __slots__ = ()
+    frame: Literal["map", "odom"] = "map"
 
     def __post_init__(self) -> None:
         data = np.asarray(self.data)
+        if self.frame not in ("map", "odom"):
+            raise ValueError(f"a costmap's frame is 'map' or 'odom', not {self.frame!r}")
         if data.dtype != np.uint8:
             if not np.all((data >= 0) & (data <= NO_INFORMATION)):
                 raise ValueError("costs go from 0 to 255")
             object.__setattr__(self, "data", data.astype(np.uint8))
-        super().__post_init__()
+        GridMap.__post_init__(self)
 
     @property
     def blocked(self) -> NDArray[np.bool_]:

@@ -8,12 +8,14 @@ algorithm needs no new drawing code.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeAlias
+from typing import TypeAlias, assert_never
 
-from robocar.core.geometry import Array
-from robocar.core.grid import GridMap
+import numpy as np
+
+from robocar.core.geometry import SE2, Array
+from robocar.core.grid import Costmap, GridMap
 
 Color: TypeAlias = tuple[int, int, int]
 
@@ -120,3 +122,31 @@ class LazyTrace(Mapping[str, Drawable]):
 def merged(*traces: Trace) -> Trace:
     """All of them, still lazy; the first counts where a name is used twice."""
     return LazyTrace({name: partial(trace.__getitem__, name) for trace in reversed(traces) for name in trace})
+
+
+def transformed(trace: Trace, map_from_frame: SE2) -> Trace:
+    """A trace whose positions are in another frame, in the map frame; still lazy."""
+
+    def made(name: str) -> Drawable:
+        return _moved(trace[name], map_from_frame)
+
+    return LazyTrace({name: partial(made, name) for name in trace})
+
+
+def _moved(item: Drawable, pose: SE2) -> Drawable:
+    match item:
+        case Circles() | Scalar() | Text():
+            return item
+        case Points(positions):
+            flat = np.asarray(positions)
+            return replace(item, positions=np.concatenate([pose.transform(flat[:, :2]), flat[:, 2:]], axis=1))
+        case Lines(lines):
+            return replace(item, lines=tuple(pose.transform(line) for line in lines))
+        case Segments(segments):
+            return replace(item, segments=pose.transform(segments))
+        case Arrows(origins, vectors):
+            return replace(item, origins=pose.transform(origins), vectors=SE2(theta=pose.theta).transform(vectors))
+        case Field(grid):
+            placed = replace(grid, origin=pose @ grid.origin)
+            return Field(replace(placed, frame="map") if isinstance(placed, Costmap) else placed)
+    assert_never(item)
