@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from robocar.core import LETHAL
+from robocar.core.rays import advance_to, start_ray
 from robocar.planners.search.grid_search import doubled
 
 HIT, MOST = 2, 4
@@ -59,24 +60,15 @@ def mark_laser(
         dx, dy = math.cos(angle), math.sin(angle)
         # Without a return everything up to the sensor's reach is free.
         end = min(ranges[i] / resolution, clear_reach)
-        col, row = math.floor(x), math.floor(y)
         last_col, last_row = math.floor(x + end * dx), math.floor(y + end * dy)
-        step_col, step_row = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
-        delta_x = abs(1.0 / dx) if dx != 0.0 else math.inf
-        delta_y = abs(1.0 / dy) if dy != 0.0 else math.inf
-        next_x = abs(col + (step_col > 0) - x) * delta_x if dx != 0.0 else math.inf
-        next_y = abs(row + (step_row > 0) - y) * delta_y if dy != 0.0 else math.inf
-        for _ in range(abs(last_col - col) + abs(last_row - row)):  # all but the last cell
+        ray = start_ray(x, y, dx, dy)
+        for _ in range(abs(last_col - ray.col) + abs(last_row - ray.row)):  # all but the last cell
+            row, col = ray.row, ray.col
             if 0 <= row < rows and 0 <= col < cols and evidence[row, col] > 0 and not near_hit[row, col]:
                 evidence[row, col] -= 1
                 if evidence[row, col] == HIT - 1:
                     n, touched = _note(touched, n, row * cols + col)
-            if (next_x < next_y and col != last_col) or row == last_row:
-                col += step_col
-                next_x += delta_x
-            else:
-                row += step_row
-                next_y += delta_y
+            ray = advance_to(ray, last_row, last_col)
     for i in range(len(ranges)):
         reading = ranges[i] / resolution
         if not 0.0 <= reading <= mark_reach:  # not a number, infinite, below zero or too far

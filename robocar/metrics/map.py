@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from robocar.core import SE2, UNKNOWN, Array, Footprint, OccupancyGrid
 from robocar.core.distance import obstacle_distance
+from robocar.core.rays import advance, start_ray
 from robocar.metrics.declaration import Declaration, Tolerance, metrics
 from robocar.metrics.run_log import DrawnMap
 
@@ -77,27 +78,12 @@ def _see(occupied: Cells, seen: Cells, places: Array, reach: float, opening: flo
     for p in range(len(places)):
         for k in range(rays):
             angle = places[p, 2] + opening * ((k + 0.5) / rays - 0.5)
-            dx, dy = math.cos(angle), math.sin(angle)
-            x, y = places[p, 0], places[p, 1]
-            col, row = math.floor(x), math.floor(y)
-            step_col, step_row = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
-            delta_x = abs(1.0 / dx) if dx != 0.0 else math.inf
-            delta_y = abs(1.0 / dy) if dy != 0.0 else math.inf
-            next_x = abs(col + (step_col > 0) - x) * delta_x if dx != 0.0 else math.inf
-            next_y = abs(row + (step_row > 0) - y) * delta_y if dy != 0.0 else math.inf
-            travelled = 0.0
-            while travelled <= reach and 0 <= row < rows and 0 <= col < cols:
-                seen[row, col] = True
-                if occupied[row, col]:
+            ray = start_ray(places[p, 0], places[p, 1], math.cos(angle), math.sin(angle))
+            while ray.entered <= reach and 0 <= ray.row < rows and 0 <= ray.col < cols:
+                seen[ray.row, ray.col] = True
+                if occupied[ray.row, ray.col]:
                     break
-                if next_x < next_y:
-                    travelled = next_x
-                    next_x += delta_x
-                    col += step_col
-                else:
-                    travelled = next_y
-                    next_y += delta_y
-                    row += step_row
+                ray = advance(ray)
 
 
 def visible_cells(truth: OccupancyGrid, poses: ArrayLike, reach: float, opening: float = math.tau) -> Cells:

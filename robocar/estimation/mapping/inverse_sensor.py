@@ -17,6 +17,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from robocar.core.rays import advance_to, start_ray
+
 NEVER_SEEN = np.float32(0.0)
 _NUDGE = np.float32(1e-6)  # what a sum that comes to exactly 0 becomes: it has been seen
 _SURFACE = 0.5  # [cells] behind the echo: the cell of the obstacle, not the one before it, whichever way the noise goes
@@ -104,25 +106,15 @@ def update_laser(
             continue
         reach = min(silent_range, max_range) if reading == math.inf else min(reading, hit_range)
         dx, dy = math.cos(angle), math.sin(angle)
-        col, row = math.floor(x), math.floor(y)
         last_col, last_row = math.floor(x + reach * dx), math.floor(y + reach * dy)
-        step_col, step_row = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
-        delta_x = abs(1.0 / dx) if dx != 0.0 else math.inf
-        delta_y = abs(1.0 / dy) if dy != 0.0 else math.inf
-        next_x = abs(col + (step_col > 0) - x) * delta_x if dx != 0.0 else math.inf
-        next_y = abs(row + (step_row > 0) - y) * delta_y if dy != 0.0 else math.inf
+        ray = start_ray(x, y, dx, dy)
         # The end's own cell is left alone: the echo came from its far border or from the next cell.
-        steps = abs(last_col - col) + abs(last_row - row)
-        for _ in range(steps):
+        for _ in range(abs(last_col - ray.col) + abs(last_row - ray.row)):
+            row, col = ray.row, ray.col
             if 0 <= row < rows and 0 <= col < cols and stamp[row, col] != mark:
                 stamp[row, col] = mark
                 _add(log_odds, row, col, miss, low, high)
-            if (next_x < next_y and col != last_col) or row == last_row:
-                col += step_col
-                next_x += delta_x
-            else:
-                row += step_row
-                next_y += delta_y
+            ray = advance_to(ray, last_row, last_col)
 
 
 @njit(cache=True)
