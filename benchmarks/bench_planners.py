@@ -253,7 +253,7 @@ def footprints(console: Console) -> None:
         size = sum(v.nbytes for v in arrays.values()) / n**2
         name, cls = module.split(".")
         code = (
-            f"from planners.{name} import {cls}; import numpy as np, time; from robocar.core import Costmap; "
+            f"from robocar.planners.search.{name} import {cls}; import numpy as np, time; from robocar.core import Costmap; "
             "t = time.perf_counter(); "
             f"{cls}().plan(Costmap(np.zeros((99, 99)), 1.0), np.array([1.0, 1.0]), np.array([90.0, 9.0])); "
             "print(time.perf_counter() - t)"

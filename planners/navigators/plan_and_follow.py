@@ -184,8 +184,9 @@ class PlanAndFollow:
         """What the controller says, which is given everything in the frame of its costmap."""
         assert self._path is not None and self._target is not None
         path, target, costmap = self._path, self._target, self._local()
-        if costmap.frame == "odom":
-            path, target = self._frame.path(path, self._segment), self._frame.goal(target, state)
+        if costmap.frame == "map":
+            return self.controller.command(state, path, costmap, observation, target)
+        path, target = self._frame.path(path, self._segment), self._frame.goal(target, state)
         return self._frame.drawn(self.controller.command(local, path, costmap, observation, target), state)
 
     def _evasion(self, state: State, observation: Observation) -> Command | None:

@@ -32,7 +32,7 @@ def frozen_array(values: ArrayLike, dtype: DTypeLike = float) -> NDArray:
     array = np.asarray(values, dtype=dtype)
     if array.flags.writeable or array.base is not None:
         array = array.copy()
-        array.flags.writeable = False
+        array.setflags(write=False)
     return array
 
 

@@ -80,14 +80,17 @@ def checked(command: object) -> Command:
     Raises:
         TypeError, ValueError: it is not.
     """
-    if not isinstance(command, Drive | Serial | Hold | Done | GiveUp):
-        raise TypeError(f"the navigator must return a command, not {type(command).__name__}")
-    numbers = [] if command.pan is None else [command.pan]
+    finite, text = True, ""
     if isinstance(command, Drive):
-        numbers += [command.twist.v, command.twist.omega]
-    if not all(math.isfinite(number) for number in numbers):
+        finite = math.isfinite(command.twist.v) and math.isfinite(command.twist.omega)
+    elif isinstance(command, Serial):
+        text = command.line
+    elif isinstance(command, Done | GiveUp):
+        text = command.reason
+    elif not isinstance(command, Hold):
+        raise TypeError(f"the navigator must return a command, not {type(command).__name__}")
+    if not (finite and (command.pan is None or math.isfinite(command.pan))):
         raise ValueError(f"the navigator commanded a number that is not finite: {command}")
-    text = command.line if isinstance(command, Serial) else command.reason if isinstance(command, Done | GiveUp) else ""
     if not isinstance(text, str):
         raise TypeError(f"the navigator must give a text, not {type(text).__name__}: {command}")
     _check_trace(command.trace, "navigator")

@@ -148,13 +148,11 @@ class RobotHandle:
             TypeError: it is no command.
             ValueError: it holds a number that is not finite.
         """
-        match command:
-            case Drive(Twist(v, omega)):
-                finite = math.isfinite(v) and math.isfinite(omega)
-            case Serial(str()) | Hold() | Done() | GiveUp():
-                finite = True
-            case _:
-                raise TypeError(f"robot {self.name}: expected a Drive, Serial, Hold, Done or GiveUp, not {command!r}")
+        finite = True
+        if isinstance(command, Drive) and isinstance(command.twist, Twist):
+            finite = math.isfinite(command.twist.v) and math.isfinite(command.twist.omega)
+        elif not (isinstance(command, Hold | Done | GiveUp) or (isinstance(command, Serial) and isinstance(command.line, str))):
+            raise TypeError(f"robot {self.name}: expected a Drive, Serial, Hold, Done or GiveUp, not {command!r}")
         if not (finite and (command.pan is None or math.isfinite(command.pan))):
             raise ValueError(f"robot {self.name}: expected finite numbers, not {command!r}")
         self._command = command
@@ -193,9 +191,8 @@ class RobotHandle:
 
     def twist(self) -> Twist:
         """In its own frame, the truth."""
-        theta, v_world = self.pose().theta, self._qvel[self._base_qvel : self._base_qvel + 2]
-        forward = math.cos(theta) * v_world[0] + math.sin(theta) * v_world[1]
-        return Twist(float(forward), float(self._qvel[self._base_qvel + 5]))
+        theta, qvel, first = self.pose().theta, self._qvel.item, self._base_qvel
+        return Twist(math.cos(theta) * qvel(first) + math.sin(theta) * qvel(first + 1), qvel(first + 5))
 
     def base_pose(self) -> BasePose:
         """world_from_base of this instant, computed once."""

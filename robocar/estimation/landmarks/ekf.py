@@ -82,7 +82,7 @@ class KalmanFilterEstimator:
                 trace["localization/state"] = Text("two landmarks tell where the car is")
         if sensed.detections and self._found:
             trace["sightings"] = sight_lines(self._pose, sensed.detections)
-        return Belief(self._pose, self._covariance[:3, :3].copy(), sensed.twist, None, trace, sensed.odom_from_robot)
+        return Belief(self._pose, self._covariance[:3, :3], sensed.twist, None, trace, sensed.odom_from_robot)
 
     def _move(self, step: SE2, velocity: bool) -> None:
         way, turn = arc_of(step)

@@ -187,7 +187,7 @@ class TopCameraEstimator:
             self._covariance = np.diag([p.position_std**2, p.position_std**2, p.heading_std**2])
             spots = np.array([seen.apply(FRONT, 0.0), seen.apply(REAR, 0.0)])
             trace["markers"] = Points(spots, color=(0, 220, 220), radius=MARKER_RADIUS)
-        return Belief(self._pose, self._covariance.copy(), belief.twist, None, trace, belief.pose)
+        return Belief(self._pose, self._covariance, belief.twist, None, trace, belief.pose)
 
 
 class TopCameraMapper:

@@ -19,6 +19,8 @@ from robocar.estimation.mapping.log_odds_grid import LogOddsGrid
 
 _OCCUPIED = 0.65
 """`OccupancyGrid.occupied` begins here; free ends at its complement, so that evidence has the same weight either way."""
+_ARC = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
+"""Five directions of a cone, in halves of its opening angle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +88,8 @@ class OccupancyMapper:
         p = self.parameters
         self._bounds = log_odds(p.clamping_thres_min), log_odds(p.clamping_thres_max)
         self._laser_weights = log_odds(p.prob_hit), log_odds(p.prob_miss)
-        self._sonar_weights = log_odds(p.sonar_prob_hit), log_odds(p.sonar_prob_miss), log_odds(p.sonar_prob_silent)
+        weights = (p.sonar_prob_hit, p.sonar_prob_miss, p.sonar_prob_silent, _OCCUPIED)
+        self._sonar_weights = tuple(log_odds(probability) for probability in weights)
         self._grid = LogOddsGrid(p.resolution, log_odds(_OCCUPIED) - 1e-6)
         self._stood: SE2 | None = None
         _warm_up()
@@ -140,20 +143,18 @@ class OccupancyMapper:
                 continue
             free = min(p.sonar_silent_range if reading == math.inf else p.sonar_free_range, scan.max_range)
             reach = reading if reading <= p.sonar_hit_range else min(reading, free)
-            rim = bearing + half * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
             # The arc bulges beyond the chords of these five points by less than a percent of its radius.
-            self._touch(world_from_sensor, np.full(5, 1.01 * reach + size), rim)
+            self._touch(world_from_sensor, 1.01 * reach + size, bearing + half * _ARC)
             grid = self._grid
             x, y, theta = grid.local(world_from_sensor)
-            ranges = p.sonar_hit_range / size, free / size
-            sonar = model.SonarModel(half, *ranges, *self._sonar_weights, log_odds(_OCCUPIED))
+            sonar = model.SonarModel(half, p.sonar_hit_range / size, free / size, *self._sonar_weights)
             model.update_sonar(
                 grid.log_odds, grid.stamp, grid.next_mark(), x, y, theta + bearing, reading / size, sonar, *self._bounds
             )
 
-    def _touch(self, world_from_sensor: SE2, reach: Array, bearings: Array) -> bool:
+    def _touch(self, world_from_sensor: SE2, reach: Array | float, bearings: Array) -> bool:
         """Makes room for rays (n,) [m, rad] from the sensor; whether there are any."""
-        if not len(reach):
+        if not len(bearings):
             return False
         angles = world_from_sensor.theta + bearings
         x, y = world_from_sensor.x + reach * np.cos(angles), world_from_sensor.y + reach * np.sin(angles)

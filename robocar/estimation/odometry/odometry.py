@@ -16,6 +16,7 @@ import numpy as np
 from robocar.core import SE2, Belief, Command, Context, Observation, Twist, WheelAngles, wrap_angle
 from robocar.core.robot import Calibration
 
+_STILL = SE2()
 _WINDOW = 8  # readings over which speed and curvature are measured: single ticks turn by a few coarse pulses only
 
 
@@ -93,7 +94,7 @@ class OdometryEstimator:
         step = self._step(observation)
         self._covariance = propagate(self._covariance, self._pose, step, self._parameters)
         self._pose = self._pose @ step
-        return Belief(self._pose, self._covariance.copy(), self._twist)
+        return Belief(self._pose, self._covariance, self._twist)
 
     def _step(self, observation: Observation) -> SE2:
         """robot_from_next_robot since the last observation, from whichever odometry there is."""
@@ -131,20 +132,24 @@ class CompassOdometryEstimator(OdometryEstimator):
         x, y, theta = gain * wrap_angle(observation.compass.value - self._pose.theta)
         self._pose = SE2(self._pose.x + x, self._pose.y + y, self._pose.theta + theta)
         self._covariance = covariance - np.outer(gain, covariance[2])
-        return Belief(self._pose, self._covariance.copy(), self._twist)
+        return Belief(self._pose, self._covariance, self._twist)
 
 
 def propagate(covariance: np.ndarray, pose: SE2, step: SE2, parameters: OdometryParameters) -> np.ndarray:
     """Covariance (3, 3) of world_from_robot after a step: first order, noise in the robot's frame grows with the way."""
-    if step == SE2():
+    if step == _STILL:
         return covariance
     c, s = math.cos(pose.theta), math.sin(pose.theta)
     jacobian = np.array([[1.0, 0.0, -s * step.x - c * step.y], [0.0, 1.0, c * step.x - s * step.y], [0.0, 0.0, 1.0]])
     way, turn = math.hypot(step.x, step.y), abs(step.theta)
     along = parameters.distance_std**2 * way
-    noise = np.array([[c * c * along, c * s * along, 0.0], [c * s * along, s * s * along, 0.0], [0.0, 0.0, 0.0]])
-    noise[2, 2] = parameters.turn_std**2 * turn + parameters.drift_std**2 * way
-    return jacobian @ covariance @ jacobian.T + noise
+    moved = jacobian @ covariance @ jacobian.T
+    moved[0, 0] += c * c * along
+    moved[0, 1] += c * s * along
+    moved[1, 0] += c * s * along
+    moved[1, 1] += s * s * along
+    moved[2, 2] += parameters.turn_std**2 * turn + parameters.drift_std**2 * way
+    return moved
 
 
 def build(context: Context) -> OdometryEstimator:
