@@ -47,16 +47,31 @@ def declares(
     Raises:
         TypeError: parameters that are no dataclasses with defaults.
     """
-    for part, classes in parameters.items():
-        for cls in classes:
-            if not (isinstance(cls, type) and is_dataclass(cls) and all(f.default is not MISSING for f in fields(cls))):
-                raise TypeError(f"parameters of part {part!r} must be dataclasses whose fields have defaults, not {cls!r}")
+    _check(parameters)
 
     def declare(factory: F) -> F:
         _DECLARED[factory] = Capabilities(explores, maps, complete, oracle, parameters)
         return factory
 
     return declare
+
+
+def _check(parameters: object) -> None:
+    if not isinstance(parameters, Mapping):
+        raise TypeError(f"parameters are dataclasses by part, {{'controller': (DwaParameters,)}}, not {parameters!r:.80}")
+    names: list[str] = []
+    for part, classes in parameters.items():
+        if not isinstance(part, str) or "." in part or not isinstance(classes, tuple) or not classes:
+            raise TypeError(
+                f"parameters of a part are a tuple, {{'controller': (DwaParameters,)}}, not {part!r}: {classes!r:.80}"
+            )
+        for cls in classes:
+            good = isinstance(cls, type) and is_dataclass(cls)
+            if not (good and all(f.init and f.default is not MISSING for f in fields(cls))):
+                raise TypeError(f"parameters of part {part!r} must be dataclasses whose fields have plain defaults, not {cls!r}")
+            names += [f.name for f in fields(cls)] if part == "" else []
+    if both := sorted(set(names) & parameters.keys()):
+        raise TypeError(f"{both[0]!r} is a part and a parameter of the algorithm itself")
 
 
 def capabilities_of(factory: object) -> Capabilities:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from robocar.core.geometry import Twist
+from robocar.core.geometry import Twist, plain_number
 from robocar.core.trace import Trace
 from robocar.core.work import Work
 
@@ -23,6 +23,10 @@ class _Decision:
     pan: float | None = None
     trace: Trace = field(default_factory=dict)
     work: Work = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not (self.pan is None or self.pan.__class__ is float):
+            object.__setattr__(self, "pan", plain_number(self.pan, "a command's pan"))
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -25,6 +26,22 @@ def wrap_angles(angles: ArrayLike) -> Array:
     """`wrap_angle` for arrays of any shape [rad]."""
     wrapped = np.remainder(np.asarray(angles, dtype=float) + math.pi, math.tau) - math.pi
     return np.where(wrapped == -math.pi, math.pi, wrapped)
+
+
+def plain_number(value: Any, name: str) -> float:
+    """A number of any kind as a float of Python's own.
+
+    Raises:
+        TypeError: it is none, or an array. ValueError: it is too large.
+    """
+    if isinstance(value, str | bytes) or np.ndim(value) > 0:
+        raise TypeError(f"{name} is a number, not {value!r:.80}")
+    try:
+        return float(value)
+    except TypeError as error:
+        raise TypeError(f"{name} is a number, not {value!r:.80}") from error
+    except (OverflowError, ValueError) as error:
+        raise ValueError(f"{name} is too large, or no number: {type(value).__name__}") from error
 
 
 def frozen_array(values: ArrayLike, dtype: DTypeLike = float) -> NDArray:
@@ -49,6 +66,10 @@ class SE2:
     theta: float = 0.0
 
     def __post_init__(self) -> None:
+        if not (self.x.__class__ is self.y.__class__ is self.theta.__class__ is float):  # as nearly always
+            object.__setattr__(self, "x", plain_number(self.x, "a pose's x"))
+            object.__setattr__(self, "y", plain_number(self.y, "a pose's y"))
+            object.__setattr__(self, "theta", plain_number(self.theta, "a pose's theta"))
         if not (math.isfinite(self.x) and math.isfinite(self.y) and math.isfinite(self.theta)):
             raise ValueError(f"a pose needs finite numbers, not ({self.x}, {self.y}, {self.theta})")
         object.__setattr__(self, "theta", wrap_angle(self.theta))
@@ -102,6 +123,11 @@ class Twist:
 
     v: float = 0.0
     omega: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (self.v.__class__ is self.omega.__class__ is float):  # as nearly always
+            object.__setattr__(self, "v", plain_number(self.v, "a twist's v"))
+            object.__setattr__(self, "omega", plain_number(self.omega, "a twist's omega"))
 
     def step(self, dt: float) -> SE2:
         """Exact motion along the arc for `dt` [s]: robot_from_next_robot (velocity motion model, thesis eq. 2.39)."""

@@ -26,5 +26,5 @@ def total(*works: Work) -> dict[str, int]:
     sums: dict[str, int] = {}
     for work in works:
         for unit, count in work.items():
-            sums[unit] = sums.get(unit, 0) + count
+            sums[unit] = sums.get(unit, 0) + int(count)  # NumPy's integers would overflow
     return sums

@@ -24,8 +24,12 @@ from robocar.core import (
     Scalar,
     Serial,
     State,
+    Twist,
 )
+from robocar.core.text import is_text
 from robocar.core.trace import Drawable, LazyTrace
+
+_MOST_WORK = 2**53  # up to which floating-point numbers are exact
 
 
 class CheckedEstimator:
@@ -82,6 +86,8 @@ def checked(command: object) -> Command:
     """
     finite, text = True, ""
     if isinstance(command, Drive):
+        if not isinstance(command.twist, Twist):
+            raise TypeError(f"the navigator must drive with a twist, not {type(command.twist).__name__}")
         finite = math.isfinite(command.twist.v) and math.isfinite(command.twist.omega)
     elif isinstance(command, Serial):
         text = command.line
@@ -93,6 +99,8 @@ def checked(command: object) -> Command:
         raise ValueError(f"the navigator commanded a number that is not finite: {command}")
     if not isinstance(text, str):
         raise TypeError(f"the navigator must give a text, not {type(text).__name__}: {command}")
+    if not is_text(text):
+        raise ValueError(f"the navigator gave a text that UTF-8 cannot hold: {text!a:.80}")
     _check_trace(command.trace, "navigator")
     _check_work(command.work, "navigator")
     return command
@@ -122,14 +130,22 @@ def _check_trace(trace: object, what: str) -> None:
     for name, item in trace.items():
         if not (isinstance(name, str) and isinstance(item, Drawable)):
             raise TypeError(f"the {what}'s trace must be a mapping of names to drawables; {name!r} is {type(item).__name__}")
-        if isinstance(item, Scalar) and not isinstance(item.value, Real):
-            raise TypeError(f"the {what}'s trace must hold numbers as scalars; {name!r} is {item.value!r}")
+        if isinstance(item, Scalar) and not _is_float(item.value):
+            raise TypeError(f"the {what}'s trace must hold numbers as scalars; {name!r} is {item.value!r:.80}")
+
+
+def _is_float(value: object) -> bool:
+    try:
+        return isinstance(value, Real) and isinstance(float(value), float)
+    except OverflowError:
+        return False
 
 
 def _check_work(work: object, what: str) -> None:
     if work == {}:  # in nearly every tick
         return
     if not isinstance(work, Mapping) or not all(
-        isinstance(unit, str) and isinstance(count, int | np.integer) and count >= 0 for unit, count in work.items()
+        isinstance(unit, str) and is_text(unit) and isinstance(count, int | np.integer) and 0 <= count <= _MOST_WORK
+        for unit, count in work.items()
     ):
-        raise TypeError(f"the {what}'s work must map units to counts, not {work!r:.80}")
+        raise TypeError(f"the {what}'s work must map units to counts from 0 to 2^53, not {work!a:.80}")

@@ -65,8 +65,10 @@ class Agent:
             self.command, self.map = command, state.map
         self.robot.act(STOP if self.judge.done else self.command)
 
-    def drawn(self) -> OccupancyGrid | None:
-        """The map as it is now; an error in it is the robot's outcome."""
+    def finish(self) -> OccupancyGrid | None:
+        """Records what still waits; the map as it is now. An error in either is the robot's outcome."""
+        with self.judge.failures():
+            self.recorder.finish()
         with self.judge.failures():
             return drawn(self.map)
         return None

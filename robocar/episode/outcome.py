@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from robocar.core import OutputError
+from robocar.core.text import describe
 
 
 @dataclass(slots=True, kw_only=True)
@@ -45,5 +46,13 @@ class Outcome:
         except OutputError:
             raise
         except (Exception, SystemExit) as error:  # also a mapper's grid or a trace that cannot be drawn
-            self.status, self.reason = "error", f"{type(error).__name__}: {error}"
-            self.traceback = traceback.format_exc()
+            self.status, self.reason = "error", describe(error)
+            self.traceback = _traceback(error)
+
+
+def _traceback(error: BaseException) -> str:
+    try:
+        text = "".join(traceback.format_exception(error))
+    except Exception:  # of an error that does not let itself be looked at
+        text = describe(error)
+    return text.encode(errors="backslashreplace").decode()

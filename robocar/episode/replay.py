@@ -82,6 +82,8 @@ def replay(
         started = wall.perf_counter()
         played = _play(tape, estimator, odometry, recorder)
         wall_time = wall.perf_counter() - started
+        with played.failures():
+            recorder.finish()
         grid = played.drawn()
         result = _result(tape, spec, played, grid, wall_time)
         recorder.close(result.summary())

@@ -75,7 +75,7 @@ def run(
         started = wall.perf_counter()
         navigate(world, [agent], progress)
         wall_time = wall.perf_counter() - started  # of the loop: building the world does not count
-        grid = agent.drawn()
+        grid = agent.finish()
         result = subject.result(agent, grid, wall_time)
         agent.recorder.close(result.summary())
         return result if files is None else files.file(result, grid)

@@ -26,6 +26,7 @@ from typing import Any, Literal, TypedDict, TypeVar
 import numpy as np
 
 from robocar.core import MetricError
+from robocar.core.text import describe
 from robocar.metrics.run_log import RunLog
 
 GROUP = "robocar.metrics"
@@ -220,8 +221,8 @@ def _compute(computation: _Computation, log: RunLog, known: Mapping[str, Value])
         if strange := sorted(found.keys() - set(names)):
             raise ValueError(f"{strange[0]!r} is not declared")
         return {name: _number(value) for name, value in found.items()}
-    except Exception as error:  # of a package that we do not know
-        reason = f"metric {names[0]!r} of {computation.place} fails, and is None: {type(error).__name__}: {error}"
+    except (Exception, SystemExit) as error:  # of a package that we do not know
+        reason = f"metric {names[0]!r} of {computation.place} fails, and is None: {describe(error)}"
         warnings.warn(reason, RuntimeWarning, stacklevel=3)
         return dict.fromkeys(names)
 
@@ -240,7 +241,13 @@ def _add(computation: _Computation) -> None:
         # The same function once more is a module that was loaded again, or a cell of a notebook.
         if set(names) & set(others) and not (names == others and other.place == computation.place):
             raise ValueError(f"metric {(set(names) & set(others)).pop()!r} is declared by {other.place} already")
+    if not names or not all(isinstance(name, str) and name and name.isprintable() for name in names):
+        raise ValueError(f"a metric needs a name, {computation.place} gives {list(names)!r}")
     first = computation.declarations[0]
+    if isinstance(first.needs, str) or isinstance(computation.optional, str):
+        raise ValueError(
+            f"metric {names[0]!r}: needs and optional are tuples of names, ({first.needs or computation.optional!r},)"
+        )
     earlier = {name for others in _COMPUTATIONS for name in others} - set(names)
     for name in first.needs:
         if name not in _FIELDS | earlier:

@@ -25,8 +25,8 @@ def flat(result: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any
     for key, value in result.items():
         name = f"{prefix}{key}"
         if isinstance(value, Mapping):
-            if "value" in value:
-                yield from flat({name: value["value"]})
+            if "value" in value:  # Rerun wants the numbers of one name to be of one type in all recordings of a process
+                yield from flat({name: None if value["value"] is None else float(value["value"])})
             else:
                 yield from flat(value, "" if key == "metrics" else f"{name}/")
         elif isinstance(value, bool | int | float | str):

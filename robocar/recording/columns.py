@@ -134,6 +134,6 @@ class Buffer:
     def send(self, stream: Streams) -> None:
         """Send and forget the rows."""
         if self._rows:
-            index = indexes(np.asarray(self._ticks), np.asarray(self._times))
-            stream.send_columns(self.entity, index, self._build(self._rows))
-            self._ticks, self._times, self._rows = [], [], []
+            ticks, times, rows = self._ticks, self._times, self._rows
+            self._ticks, self._times, self._rows = [], [], []  # also where they cannot be sent
+            stream.send_columns(self.entity, indexes(np.asarray(ticks), np.asarray(times)), self._build(rows))

@@ -43,8 +43,17 @@ class Recorder(Protocol):
         """
         ...
 
+    def finish(self) -> None:
+        """Writes what still waits to be drawn, before the result is made.
+
+        Raises:
+            Exception: something cannot be drawn; it is forgotten, and all else is written.
+            OutputError: the recording cannot be written.
+        """
+        ...
+
     def close(self, result: Mapping[str, Any] | None = None) -> None:
-        """Finish the recording; `result` is the content of `metrics.json`, None if there is none.
+        """Close the recording; `result` is the content of `metrics.json`, None if there is none.
 
         Raises:
             OutputError: the recording cannot be written.
@@ -66,6 +75,9 @@ class NullRecorder:
         planning_time: float | None = None,
         signals: Mapping[str, float] = _NO_SIGNALS,
     ) -> None:
+        pass
+
+    def finish(self) -> None:
         pass
 
     def close(self, result: Mapping[str, Any] | None = None) -> None:

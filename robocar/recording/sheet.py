@@ -83,9 +83,9 @@ class Sheet:
         """Send and forget the rows."""
         if not self._rows:
             return
-        table = np.array(self._rows, dtype=np.float64)  # (ticks, 3 numbers of each pose, then the series)
-        ticks, times = np.array(self._ticks), np.array(self._times)
-        self._ticks, self._times, self._rows = [], [], []
+        rows, ticks, times = self._rows, np.array(self._ticks), np.array(self._times)
+        self._ticks, self._times, self._rows = [], [], []  # also where they cannot be sent
+        table = np.array(rows, dtype=np.float64)  # (ticks, 3 numbers of each pose, then the series)
         everything = columns.indexes(ticks, times)
         for k, name in enumerate(POSES):
             pose = table[:, 3 * k : 3 * k + 3]

@@ -144,7 +144,7 @@ class RerunRecorder:
         for name, value in signals.items():
             self._number(name, value)
         for unit, count in total(state.work, command.work).items():
-            self._number(f"work/{unit}", count)
+            self._number(f"work/{_part(unit)}", count)
         if truth is not None:
             self._truth(truth)
         self._command(command)
@@ -158,12 +158,18 @@ class RerunRecorder:
         if (self._tick + 1) % self._flush_ticks == 0:
             self._flush()
 
+    def finish(self) -> None:
+        """See `Recorder.finish`."""
+        if not self._closed:
+            for name, item in self._traces.due(math.inf):
+                self._draw(name, item)
+            self._flush()
+
     def close(self, result: Mapping[str, Any] | None = None) -> None:
         """See `Recorder.close`. Closing twice is the same as closing once."""
         if self._closed:
             return
-        for name, item in self._traces.due(math.inf):
-            self._draw(name, item)
+        self.finish()
         facts = dict(about.flat(self._properties)) | dict(about.flat(result or {}))
         if facts:
             self._stream.send_property("run", rr.AnyValues(**facts))
@@ -324,14 +330,20 @@ class RerunRecorder:
         self._stream.log("log/about", page)
 
     def _flush(self) -> None:
-        self._sheet.send(self._stream)
-        for buffer in (self._observed, self._commanded, *self._buffers.values(), *self._rows.values()):
-            buffer.send(self._stream)
+        """What cannot be sent is forgotten, and an error once all else is sent."""
+        failed: list[Exception] = []
+        for buffer in (self._sheet, self._observed, self._commanded, *self._buffers.values(), *self._rows.values()):
+            try:
+                buffer.send(self._stream)
+            except Exception as error:  # of values that no column holds
+                failed.append(error)
         try:
             self._stream.flush()
         except OutputError:
             self._closed = True
             raise
+        if failed:
+            raise failed[0]
 
 
 _ECHO, _NO_ECHO = palette.rgba32(palette.ECHO), palette.rgba32(palette.NO_ECHO)

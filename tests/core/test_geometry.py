@@ -1,6 +1,8 @@
 """Poses, twists and angles against group axioms, matrices and numerical integration."""
 
 import math
+from decimal import Decimal
+from typing import Any
 
 import numpy as np
 import pytest
@@ -118,3 +120,27 @@ def test_frozen_array_cannot_be_changed_by_anyone() -> None:
     with pytest.raises(ValueError, match="read-only"):
         from_mine[0] = 1
     assert frozen_array(from_mine) is from_mine
+
+
+@pytest.mark.parametrize("number", [1, True, np.float32(1.0), np.int8(1), np.array(1.0), Decimal(1)])
+def test_poses_and_twists_hold_floats_whatever_they_are_given(number: Any) -> None:
+    """Numbers of their own: an array that is written to later changes none of them."""
+    pose, twist = SE2(number, number, number), Twist(number, number)
+    assert [type(value) for value in (pose.x, pose.y, pose.theta, twist.v, twist.omega)] == [float] * 5
+    if isinstance(number, np.ndarray):
+        number[...] = 5.0
+    assert (pose.x, pose.y, pose.theta) == (1.0, 1.0, 1.0)
+    assert (twist.v, twist.omega) == (1.0, 1.0)
+
+
+@pytest.mark.parametrize("wrong", ["1", b"1", None, [1.0], np.ones(1), 1j, 10**400])
+def test_what_is_no_number_is_no_part_of_a_pose_or_a_twist(wrong: Any) -> None:
+    for make in (
+        lambda: SE2(wrong),
+        lambda: SE2(0.0, wrong),
+        lambda: SE2(0.0, 0.0, wrong),
+        lambda: Twist(wrong),
+        lambda: Twist(0.0, wrong),
+    ):
+        with pytest.raises((TypeError, ValueError), match=r"^a (pose|twist)'s (x|y|theta|v|omega) is "):
+            make()

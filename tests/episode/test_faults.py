@@ -32,6 +32,16 @@ FAULTS = {
     "odd_trace": "TypeError: the navigator's trace must be a mapping of names to drawables; 'what' is int",
     "word_scalar": "TypeError: the navigator's trace must hold numbers as scalars; 'what' is 'much'",
     "undrawable": "ValueError: cannot reshape",
+    "drawn_late": "ValueError: cannot reshape",
+    "huge_scalar": "TypeError: the navigator's trace must hold numbers as scalars; 'what' is 1000",
+    "huge_work": "TypeError: the navigator's work must map units to counts from 0 to 2^53",
+    "half_unit": "TypeError: the navigator's work must map units to counts from 0 to 2^53",
+    "half_text": "ValueError: the navigator gave a text that UTF-8 cannot hold: '\\udcff'",
+    "no_twist": "TypeError: the navigator must drive with a twist, not NoneType",
+    "word_twist": "TypeError: a twist's v is a number, not 'fast'",
+    "half_message": "ValueError: \\udcff",
+    "two_lines": "ValueError: first second\\x1b[31m",
+    "no_message": "Speechless: (its message cannot be made)",
 }
 
 
@@ -72,6 +82,8 @@ class TestFaults:
             ("estimator_covariance_nan", "ValueError: a belief's covariance are finite numbers"),
             ("estimator_particles", r"ValueError: a belief's particles are finite numbers of shape \(5, 4\), not shape \(5, 3\)"),
             ("estimator_twist", "TypeError: a belief needs a pose, a twist and"),
+            ("estimator_column_twist", r"TypeError: a twist's v is a number, not array\(\[0.1\]\)"),
+            ("estimator_huge", "ValueError: a twist's v is too large"),
             ("estimator_odom", "TypeError: a belief needs a pose, a twist and"),
             ("estimator_state", r"TypeError: the estimator must return a belief, not State; .* @declares\(maps=True\)"),
             ("slam_frames", "TypeError: a state needs a belief, map_from_odom and odom_from_robot, not Belief, NoneType, SE2"),

@@ -193,16 +193,26 @@ def test_a_third_partys_factory_declares_parameters_by_part(
         assert "it is now navigator.gain" not in str(error.value)
 
 
-@pytest.mark.parametrize("wrong", ["(3,)", "(object,)", "(WithoutDefault,)"])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        "{'': (3,)}", "{'': (object,)}", "{'': (WithoutDefault,)}", "{'': (NotGiven,)}", "{'': Good}", "{'': ()}",
+        "{'a.b': (Good,)}",
+        "{5: (Good,)}", "[Good]", "{'': (Good,), 'gain': (Good,)}",
+    ],
+)  # fmt: skip
 def test_declared_parameters_are_dataclasses_with_defaults(wrong: str, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What could not be set, or would be ignored, is refused when it is declared."""
     module = f"badly_declared_{abs(hash(wrong))}"
     (tmp_path / f"{module}.py").write_text(
-        "from dataclasses import dataclass\nfrom robocar.core import declares\n"
+        "from dataclasses import dataclass, field\nfrom robocar.core import declares\n"
+        "@dataclass\nclass Good:\n    gain: float = 1.0\n"
         "@dataclass\nclass WithoutDefault:\n    gain: float\n"
-        f"@declares(parameters={{'': {wrong}}})\ndef build(context): ...\n"
+        "@dataclass\nclass NotGiven:\n    gain: float = field(default=1.0, init=False)\n"
+        f"@declares(parameters={wrong})\ndef build(context): ...\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(UnknownNameError, match="must be dataclasses whose fields have defaults"):
+    with pytest.raises(UnknownNameError, match=r"cannot be imported: TypeError: .*parameter"):
         find("navigator", f"{module}:build")
 
 

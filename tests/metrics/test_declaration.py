@@ -191,3 +191,25 @@ def test_the_page_is_what_the_declarations_say() -> None:
     exec(OUTSIDE, {"__name__": "theirs"})  # those of others are not on it
     assert (ROOT / "docs" / "metrics.md").read_text(encoding="utf-8") == page()
     assert page().count("\n| `") == len(declared()) - 1
+
+
+@pytest.mark.parametrize("name", ["", "a\udcff", "a\nb", 5])
+def test_a_metric_has_a_name_that_can_be_written(name: Any) -> None:
+    with pytest.raises(ValueError, match="a metric needs a name"):
+        metric(name, unit="1")(lambda: 1.0)
+
+
+def test_a_metric_that_leaves_the_process_is_none() -> None:
+    @metric("leaves", unit="1")
+    def leaves() -> float:
+        sys.exit(3)
+
+    with pytest.warns(RuntimeWarning, match="metric 'leaves' of .* fails, and is None: SystemExit: 3"):
+        assert value(run_log(41), "leaves") is None
+
+
+def test_needs_are_a_tuple() -> None:
+    with pytest.raises(ValueError, match="needs and optional are tuples of names"):
+        metric("one", unit="1", needs="time")(lambda time: 1.0)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="a metric needs a name"):
+        metrics([])(lambda: {})

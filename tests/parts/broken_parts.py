@@ -65,6 +65,29 @@ serial_number = _then(lambda: Serial(5))  # type: ignore[arg-type]
 no_trace = _then(lambda: Drive(Twist(), trace=None))  # type: ignore[arg-type]
 odd_trace = _then(lambda: Drive(Twist(), trace={"what": 5}))  # type: ignore[dict-item]
 word_scalar = _then(lambda: Drive(Twist(), trace={"what": Scalar("much")}))  # type: ignore[arg-type]
+huge_scalar = _then(lambda: Drive(Twist(), trace={"what": Scalar(10**400)}))
+huge_work = _then(lambda: Drive(Twist(), work={"replans": 10**400}))
+half_unit = _then(lambda: Drive(Twist(), work={"\udcff": 1}))
+half_text = _then(lambda: Done("\udcff"))
+no_twist = _then(lambda: Drive(None))  # type: ignore[arg-type]
+word_twist = _then(lambda: Drive(Twist("fast")))  # type: ignore[arg-type]
+half_message = _then(lambda: _raise(ValueError("\udcff")))
+two_lines = _then(lambda: _raise(ValueError("first\nsecond\x1b[31m")))
+no_message = _then(lambda: _raise(Speechless()))
+
+
+class Speechless(Exception):
+    def __str__(self) -> str:
+        raise RuntimeError("no words")
+
+
+def drawn_late(context: Context) -> Scripted:
+    """What it shows last is shown too soon after the one before, so that it has to wait for the end."""
+    good, bad = Points(np.zeros((3, 2))), Points(np.zeros((3, 5)))
+    last = {BEFORE - 2: Drive(Twist(), trace={"what": good}), BEFORE - 1: Done("", trace={"what": bad})}
+    return Scripted(lambda tick: last.get(tick, STOP))
+
+
 undrawable = _then(lambda: Drive(Twist(), trace={"what": Points(np.zeros(3))}))
 
 
@@ -90,6 +113,8 @@ estimator_covariance = _estimates(lambda: Belief(SE2(), covariance=np.eye(2)))
 estimator_covariance_nan = _estimates(lambda: Belief(SE2(), covariance=np.full((3, 3), math.nan)))
 estimator_particles = _estimates(lambda: Belief(SE2(), particles=np.zeros((5, 3))))
 estimator_twist = _estimates(lambda: Belief(SE2(), twist=(0.1, 0.0)))  # type: ignore[arg-type]
+estimator_column_twist = _estimates(lambda: Belief(SE2(), twist=Twist(np.array([0.1]), 0.0)))  # type: ignore[arg-type]
+estimator_huge = _estimates(lambda: Belief(SE2(), twist=Twist(10**400, 0.0)))
 estimator_odom = _estimates(lambda: Belief(SE2(), odom_from_robot=(0.0, 0.0, 0.0)))  # type: ignore[arg-type]
 estimator_state = _estimates(lambda: State.of(Belief(SE2())))
 

@@ -301,6 +301,16 @@ def test_closing_twice_is_closing_once_and_an_empty_run_is_a_recording(tmp_path)
     assert len(contents(tmp_path / "run.rrd", "log/about")) == 2
 
 
+@pytest.mark.parametrize("value", [0, 0.5, True, 2**70])
+def test_a_metric_may_be_of_another_type_in_the_next_recording_of_a_process(tmp_path, value):
+    """Rerun remembers a type for each name. Oracle: the number, read back."""
+    recorder = RerunRecorder(tmp_path / "run.rrd", run_id="types", scenery=Scenery())
+    recorder.close({"metrics": {"odd": {"value": value, "unit": "1"}, "even": {"value": None, "unit": "1"}}})
+    (row,) = [row for _, row in contents(tmp_path / "run.rrd", "__properties/run")]
+    facts = {name.rpartition(":")[2]: found[0] for name, found in row.items()}
+    assert facts == {"odd": float(value)}
+
+
 def test_both_recorders_keep_the_protocol(tmp_path):
     recorder = RerunRecorder(tmp_path / "run.rrd", run_id="protocol", scenery=Scenery())
     assert isinstance(recorder, Recorder)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import shutil
 from pathlib import Path
 
@@ -9,13 +10,14 @@ import numpy as np
 import pytest
 
 import robocar
-from robocar.core import SE2, Hold, OccupancyGrid, Reading, ScenarioError
+from robocar.core import SE2, Hold, OccupancyGrid, Reading, ScenarioError, UnknownNameError
 from robocar.recording import read_observations
 from robocar.scenario.load import load_scenario
 from robocar.sim import sensors
 from robocar.sim.fit_out import FitOut
 from robocar.sim.robot_handle import RobotSetup
 from robocar.sim.robot_model import RobotModel, robot_names
+from robocar.sim.sensors.types import loaded
 from robocar.sim.world import World
 from robocar.sim.world_spec import build_world
 
@@ -210,3 +212,17 @@ def test_a_laser_s_geometry_is_a_parameter() -> None:
     assert lidar is not None
     np.testing.assert_allclose(np.degrees(lidar.bearings), [-45.0, -22.5, 0.0, 22.5, 45.0])
     assert lidar.max_range == 2.0
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("no_such_module:SENSOR", "cannot be imported: ModuleNotFoundError: No module named 'no_such_module'"),
+        ("math:SENSOR", "cannot be imported: AttributeError"),
+        ("math:pi", "must be a SensorType, not float"),
+    ],
+)
+def test_a_sensor_of_a_package_that_is_none_is_one_line(value: str, message: str) -> None:
+    point = importlib.metadata.EntryPoint("theirs", value, "robocar.sensors")
+    with pytest.raises(UnknownNameError, match=rf"sensor 'theirs' = {value} of a package {message}"):
+        loaded(point)

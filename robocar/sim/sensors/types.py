@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, create_model
 
 from robocar.core import UnknownNameError
 from robocar.core.suggestions import did_you_mean
+from robocar.core.text import describe
 from robocar.sim import sensors
 from robocar.sim.sensors.sensor import SensorType
 from robocar.validation import refuse_senseless
@@ -39,8 +40,24 @@ def _types_in(folders: tuple[str, ...]) -> Mapping[str, SensorType[Any]]:
         if declared is not None:
             found[module.name.rpartition(".")[2]] = declared
     for point in importlib.metadata.entry_points(group=GROUP):
-        found.setdefault(point.name, point.load())
+        found.setdefault(point.name, loaded(point))
     return MappingProxyType(found)
+
+
+def loaded(point: importlib.metadata.EntryPoint) -> SensorType[Any]:
+    """What a package declares.
+
+    Raises:
+        UnknownNameError: it cannot be imported, or is no type of sensor.
+    """
+    what = f"sensor {point.name!r} = {point.value} of {point.dist.name if point.dist else 'a package'}"
+    try:
+        declared = point.load()
+    except Exception as error:  # whatever the module does while it is imported
+        raise UnknownNameError(f"{what} cannot be imported: {describe(error)}") from error
+    if not isinstance(declared, SensorType):
+        raise UnknownNameError(f"{what} must be a SensorType, not {type(declared).__name__}")
+    return declared
 
 
 def sensor_type(name: str) -> SensorType[Any]:
