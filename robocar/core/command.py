@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -63,9 +64,17 @@ class GiveUp(_Decision):
     status: str = "no_path"
 
     def __post_init__(self) -> None:
+        _Decision.__post_init__(self)
         if self.status not in ("no_path", "stuck"):
             raise ValueError(f"a navigator gives up with no_path or stuck, not {self.status!r}")
 
 
 Command: TypeAlias = Drive | Serial | Hold | Done | GiveUp
 STOP = Drive(Twist())
+
+
+def is_finite(command: Command) -> bool:
+    """Whether its numbers are."""
+    if not (command.pan is None or math.isfinite(command.pan)):
+        return False
+    return not isinstance(command, Drive) or (math.isfinite(command.twist.v) and math.isfinite(command.twist.omega))

@@ -26,6 +26,7 @@ from robocar.core import (
     State,
     Twist,
 )
+from robocar.core.command import is_finite
 from robocar.core.text import is_text
 from robocar.core.trace import Drawable, LazyTrace
 
@@ -84,18 +85,17 @@ def checked(command: object) -> Command:
     Raises:
         TypeError, ValueError: it is not.
     """
-    finite, text = True, ""
+    text = ""
     if isinstance(command, Drive):
         if not isinstance(command.twist, Twist):
             raise TypeError(f"the navigator must drive with a twist, not {type(command.twist).__name__}")
-        finite = math.isfinite(command.twist.v) and math.isfinite(command.twist.omega)
     elif isinstance(command, Serial):
         text = command.line
     elif isinstance(command, Done | GiveUp):
         text = command.reason
     elif not isinstance(command, Hold):
         raise TypeError(f"the navigator must return a command, not {type(command).__name__}")
-    if not (finite and (command.pan is None or math.isfinite(command.pan))):
+    if not is_finite(command):
         raise ValueError(f"the navigator commanded a number that is not finite: {command}")
     if not isinstance(text, str):
         raise TypeError(f"the navigator must give a text, not {type(text).__name__}: {command}")
@@ -135,10 +135,13 @@ def _check_trace(trace: object, what: str) -> None:
 
 
 def _is_float(value: object) -> bool:
+    if not isinstance(value, Real):
+        return False
     try:
-        return isinstance(value, Real) and isinstance(float(value), float)
+        float(value)
     except OverflowError:
         return False
+    return True
 
 
 def _check_work(work: object, what: str) -> None:

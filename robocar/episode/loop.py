@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from robocar.core import STOP, Command, Goal, MapView, OccupancyGrid
 from robocar.core.work import total
 from robocar.episode.body import Body, DeadReckoning, Physics
-from robocar.episode.checked import CheckedEstimator, CheckedNavigator, drawn
+from robocar.episode.checked import CheckedEstimator, CheckedNavigator
 from robocar.episode.interrupt import Interrupt
 from robocar.episode.judge import Judge, Tick
 from robocar.episode.map_watch import MapWatch
@@ -66,12 +66,8 @@ class Agent:
         self.robot.act(STOP if self.judge.done else self.command)
 
     def finish(self) -> OccupancyGrid | None:
-        """Records what still waits; the map as it is now. An error in either is the robot's outcome."""
-        with self.judge.failures():
-            self.recorder.finish()
-        with self.judge.failures():
-            return drawn(self.map)
-        return None
+        """See `Outcome.finish`."""
+        return self.judge.finish(self.recorder, self.map)
 
 
 def navigate(world: Physics, agents: Sequence[Agent], progress: RunProgress | None = None) -> None:

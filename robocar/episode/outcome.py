@@ -7,8 +7,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from robocar.core import OutputError
+from robocar.core import MapView, OccupancyGrid, OutputError
 from robocar.core.text import describe
+from robocar.episode.checked import drawn
+from robocar.recording import Recorder
 
 
 @dataclass(slots=True, kw_only=True)
@@ -48,6 +50,14 @@ class Outcome:
         except (Exception, SystemExit) as error:  # also a mapper's grid or a trace that cannot be drawn
             self.status, self.reason = "error", describe(error)
             self.traceback = _traceback(error)
+
+    def finish(self, recorder: Recorder, view: MapView | None) -> OccupancyGrid | None:
+        """Records what still waits; the map as it is now. An error in either is the outcome."""
+        with self.failures():
+            recorder.finish()
+        with self.failures():
+            return drawn(view)
+        return None
 
 
 def _traceback(error: BaseException) -> str:

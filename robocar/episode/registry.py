@@ -18,6 +18,7 @@ from typing import Any
 from robocar.core import Context, ParameterError, RobocarError, UnknownNameError
 from robocar.core.capabilities import Capabilities, capabilities_of
 from robocar.core.suggestions import did_you_mean
+from robocar.core.text import describe
 from robocar.episode.algorithms import TABLES, Entry, Kind
 
 _BY_PATH = "given as package.module:factory"
@@ -81,7 +82,7 @@ def build(kind: Kind, name: str, context: Context) -> Any:
     except Exception as error:
         if ours:
             raise
-        raise ParameterError(f"{what} cannot be built: {type(error).__name__}: {error}") from error
+        raise ParameterError(f"{what} cannot be built: {describe(error)}") from error
     if not ours:
         _check_signature(kind, what, built)
     return built
@@ -151,7 +152,7 @@ def _check_signature(kind: Kind, what: str, built: object) -> None:
     except ValueError:  # of something compiled, which does not say
         return
     except Exception as error:  # of a property
-        raise ParameterError(f"{what}: {type(built).__name__}.{method}: {type(error).__name__}: {error}") from error
+        raise ParameterError(f"{what}: {type(built).__name__}.{method}: {describe(error)}") from error
     if signature is None:
         raise ParameterError(f"{what}: {type(built).__name__} has no method {wanted}")
     try:
@@ -177,4 +178,4 @@ def _import(module: str, what: str) -> ModuleType:
     except ModuleNotFoundError as error:
         raise UnknownNameError(f"{what}: there is no module {error.name!r}") from error
     except Exception as error:  # whatever the module does while it is imported
-        raise UnknownNameError(f"{what}: {module!r} cannot be imported: {type(error).__name__}: {error}") from error
+        raise UnknownNameError(f"{what}: {module!r} cannot be imported: {describe(error)}") from error

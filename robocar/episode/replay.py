@@ -15,7 +15,7 @@ import numpy as np
 from robocar.core import SE2, STOP, Belief, Command, Estimator, MapView, OccupancyGrid, ScenarioError, frozen_array
 from robocar.episode.assembly import Assembly
 from robocar.episode.body import DeadReckoning
-from robocar.episode.checked import CheckedEstimator, drawn
+from robocar.episode.checked import CheckedEstimator
 from robocar.episode.outcome import Outcome
 from robocar.episode.registry import find
 from robocar.episode.result import RunResult
@@ -82,9 +82,7 @@ def replay(
         started = wall.perf_counter()
         played = _play(tape, estimator, odometry, recorder)
         wall_time = wall.perf_counter() - started
-        with played.failures():
-            recorder.finish()
-        grid = played.drawn()
+        grid = played.finish(recorder, played.map)
         result = _result(tape, spec, played, grid, wall_time)
         recorder.close(result.summary())
         return result if files is None else files.file(result, grid)
@@ -129,12 +127,6 @@ class _Played(Outcome):
     beliefs: list[Belief] = field(default_factory=list)
     reckoned: list[SE2] = field(default_factory=list)
     map: MapView | None = None
-
-    def drawn(self) -> OccupancyGrid | None:
-        """The map at the end; an error in it is the outcome."""
-        with self.failures():
-            return drawn(self.map)
-        return None
 
 
 def _play(tape: Tape, estimator: Estimator, odometry: DeadReckoning, recorder: Recorder) -> _Played:

@@ -278,4 +278,4 @@ def _load_entry_points() -> None:
         try:
             point.load()
         except Exception as error:  # whatever the module does while it is imported
-            raise MetricError(f"entry point {point.name!r} of {GROUP}: {type(error).__name__}: {error}") from error
+            raise MetricError(f"entry point {point.name!r} of {GROUP}: {describe(error)}") from error

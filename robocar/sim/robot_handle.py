@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robocar.core import SE2, Array, Command, Done, Drive, GiveUp, Hold, Observation, Robot, ScenarioError, Serial, Twist
+from robocar.core.command import is_finite
 from robocar.sim.drive_train import DriveTrain
 from robocar.sim.firmware import Firmware, FirmwareParameters
 from robocar.sim.fit_out import FitOut
@@ -148,12 +149,13 @@ class RobotHandle:
             TypeError: it is no command.
             ValueError: it holds a number that is not finite.
         """
-        finite = True
-        if isinstance(command, Drive) and isinstance(command.twist, Twist):
-            finite = math.isfinite(command.twist.v) and math.isfinite(command.twist.omega)
-        elif not (isinstance(command, Hold | Done | GiveUp) or (isinstance(command, Serial) and isinstance(command.line, str))):
+        if not (
+            (isinstance(command, Drive) and isinstance(command.twist, Twist))
+            or isinstance(command, Hold | Done | GiveUp)
+            or (isinstance(command, Serial) and isinstance(command.line, str))
+        ):
             raise TypeError(f"robot {self.name}: expected a Drive, Serial, Hold, Done or GiveUp, not {command!r}")
-        if not (finite and (command.pan is None or math.isfinite(command.pan))):
+        if not is_finite(command):
             raise ValueError(f"robot {self.name}: expected finite numbers, not {command!r}")
         self._command = command
 

@@ -1,7 +1,7 @@
 """Paths, goals, scans, commands and the parameters that a context hands out."""
 
 import math
-from dataclasses import FrozenInstanceError, dataclass
+from dataclasses import FrozenInstanceError, dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,12 +12,15 @@ from hypothesis import strategies as st
 from robocar.core import (
     SE2,
     STOP,
+    Command,
     Context,
     Detection,
+    Done,
     Drive,
     Footprint,
     GiveUp,
     Goal,
+    Hold,
     Observation,
     ParameterError,
     Path,
@@ -25,6 +28,7 @@ from robocar.core import (
     RobocarError,
     Robot,
     Scan,
+    Serial,
     Twist,
 )
 
@@ -188,3 +192,10 @@ def test_values_out_of_range_become_parameter_errors() -> None:
     with pytest.raises(ParameterError, match="samples must be positive, not 0") as error:
         context(samples=0).parameters_of(Parameters)
     assert isinstance(error.value, RobocarError)
+
+
+@pytest.mark.parametrize("command", [Drive(Twist(), pan=1), Serial("M2", pan=1), Hold(pan=1), Done("", pan=1), GiveUp("", pan=1)])
+def test_the_pan_of_every_command_is_a_float(command: Command) -> None:
+    assert type(command.pan) is float
+    with pytest.raises(TypeError, match="a command's pan is a number, not 'left'"):
+        replace(command, pan="left")
