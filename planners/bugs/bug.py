@@ -43,12 +43,16 @@ from robocar.planners.bugs.view import (
     narrow_gap,
     room_at,
 )
+from robocar.planners.geometry.escape import Escape
+from robocar.planners.geometry.surfaces import REACH, lines
 from robocar.planners.navigators.reactive import Reactive
-from robocar.planners.tracking.panorama import ScanPanorama, Surround, middle
+from robocar.planners.tracking.panorama import Lookout, ScanPanorama, Surround, middle
 
 STOPPING_SHARE = 0.5  # of the goal's tolerance: the belief may be off
 NEW_HEADING = math.radians(10.0)  # a straight motion that differs by more is another iteration
-_BACKING = "too close to turn: backing out"
+_CRAMPED = "too close to turn: driving to where there is room"
+_LOOKS = 5  # scans, taken standing, that a way out is looked for in
+_ROOM = 0.03  # [m] free around the circumscribed circle, where it ends
 
 
 class Bug:
@@ -75,6 +79,8 @@ class Bug:
         self._counted: Array | float | None = None
         self._note = ""
         self._cramped = True  # until it has been seen that it can turn where it starts
+        self._escape, self._lookout, self._walls = Escape(robot, _ROOM), Lookout(_LOOKS), np.empty((0, 4))
+        self._gap = 2.0 * robot.footprint.inscribed_radius
 
     def command(self, state: State, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal) -> Command:
         """The twist until the next scan; path and costmap are not needed."""
@@ -104,18 +110,42 @@ class Bug:
             self.circle,
             self.parameters,
         )
-        if self._cramped and view.fresh:
-            self._cramped = self._motion.cramped(pose, self._hits)
-        if self._cramped:
-            return Drive(self._motion.back_out(pose, self._hits, observation.time), trace=self._said(_BACKING))
+        if self._cramped and view.fresh and not self._escape.running:
+            self._cramped = not self._motion.can_turn(pose, self._hits)
+        if (out := self._get_out(view)) is not None:
+            return replace(out, trace=dict(out.trace) | self._said(_CRAMPED))
         move = self.strategy.step(view)
         work = {"replans": 1} if self._is_new(move) else {}
         trace = self.strategy.trace(view) if view.fresh else {}
         if isinstance(move, GiveUp):
             return replace(move, trace=trace | dict(move.trace), work=work)
         twist = self._twist(move, view)
-        trace |= self._said(_BACKING if self._motion.backing else "")
+        trace |= self._said("")
         return Drive(twist, trace=trace, work=work)
+
+    def _get_out(self, view: BugView) -> Drive | None:
+        """Where the car cannot turn it stands, looks a few times, and drives to where it can; None elsewhere, and where that is
+        in vain."""
+        motion, escape, pose = self._motion, self._escape, view.pose
+        if not (self._cramped or motion.cramped or escape.running):
+            self._lookout.start()
+            return None
+        period = motion.period(view.time)
+        if not escape.running:
+            seen = self._lookout.look(view.panorama) if view.fresh else None
+            if seen is None:
+                return Drive(motion.stand(view.time))
+            self._walls = lines(seen.hits(), pose, self._gap, REACH)
+            escape.begin(pose, self._walls)
+        drive = escape.command(pose, self._walls, period)
+        if drive is None:
+            self._cramped = motion.cramped = False
+            motion.blocked = not motion.can_turn(pose, self._hits)
+            return None
+        if motion.opposed(pose, self._hits, drive.twist.v):
+            drive = replace(drive, twist=Twist())
+        motion.taken_over(drive.twist, view.time)
+        return drive
 
     def _twist(self, move: To | Along | Stand, view: BugView) -> Twist:
         motion, time = self._motion, view.time

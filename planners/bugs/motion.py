@@ -2,7 +2,7 @@
 
 Motion is that of Das, Dutta and Debnath 2020 (assumption A3): turn on the spot, then drive straight, each at constant speed. The
 comparison of the bugs is then about their decisions only. A physical car adds a guard: it never drives or turns into what the
-last scan shows, and where it stands too close to something to turn, it backs out first.
+last scan shows, and where it stands too close to something to turn, it says so (`cramped`) and stands: `Bug` gets it out.
 """
 
 from __future__ import annotations
@@ -63,8 +63,7 @@ class Motion:
         self._limits, self._parameters = robot.limits, parameters
         self._turning = False
         self._last, self._time = Twist(), -math.inf
-        self.blocked = self.backing = False
-        self._way_out = 0.0  # 1 ahead, -1 back, while it gets out of where it cannot turn
+        self.blocked = self.cramped = False
 
     def stand(self, time: float) -> Twist:
         """Brakes, and stands."""
@@ -75,9 +74,9 @@ class Motion:
         local = _robot_frame(hits, pose.x, pose.y, pose.theta)
         error = wrap_angle(heading - pose.theta)
         self._turning = abs(error) > (_TURN_TO if self._turning else _TURN_FROM)
-        if self._turning or self.backing:
+        if self._turning:
             return self._turn(local, error, time)
-        lim, dt = self._limits, self._dt(time)
+        lim, dt = self._limits, self.period(time)
         v = min(speed, lim.max_vel_x, math.sqrt(2.0 * 0.5 * lim.acc_lim_x * max(left, 0.0)) + 0.01, left / dt + 0.01)
         v = max(0.0, min(v, max(self._last.v, 0.0) + lim.acc_lim_x * dt))
         v *= max(0.2, math.cos(error)) if abs(error) < math.pi / 2 else 0.2
@@ -94,64 +93,54 @@ class Motion:
         """On the spot, to `heading` [rad]."""
         return self._turn(_robot_frame(hits, pose.x, pose.y, pose.theta), wrap_angle(heading - pose.theta), time)
 
-    def cramped(self, pose: SE2, hits: Array) -> bool:
-        """Whether the robot has no room to turn, but may gain some by driving straight."""
+    def can_turn(self, pose: SE2, hits: Array) -> bool:
+        """Whether there is room to turn as far as it likes."""
         local = _robot_frame(hits, pose.x, pose.y, pose.theta)
-        return self._room(local) < self._turning_room and self._back_out(local) != Twist()
+        return float(np.min(np.hypot(local[:, 0], local[:, 1]), initial=math.inf)) >= self._turning_room
 
-    def back_out(self, pose: SE2, hits: Array, time: float) -> Twist:
-        """Straight, to where there is room to turn."""
-        return self._done(self._back_out(_robot_frame(hits, pose.x, pose.y, pose.theta)), time)
+    def taken_over(self, twist: Twist, time: float) -> None:
+        """Somebody else has driven: the accelerations go on from there."""
+        self._last, self._time = twist, time
+        self.cramped = self._turning = False
+
+    def opposed(self, pose: SE2, hits: Array, v: float) -> bool:
+        """Whether the last scan shows something in the straight way, where the car is going at `v` [m/s]; what is beside it is
+        not in its way."""
+        local = _robot_frame(hits, pose.x, pose.y, pose.theta)
+        return (
+            v != 0.0 and _straight(local, self._front, self._rear, 0.7 * self._half, math.copysign(1.0, v)) < abs(v) * _REACTION
+        )
 
     @property
     def _turning_room(self) -> float:
         return math.hypot(max(self._front, self._rear), self._half) + 2.0 * _TURN_ROOM
-
-    def _room(self, local: Array) -> float:
-        return float(np.min(np.hypot(local[:, 0], local[:, 1]), initial=math.inf))
 
     @property
     def _fastest(self) -> float:
         return min(self._parameters.rotate_to_heading_angular_vel, self._limits.max_vel_theta)
 
     def _turn(self, local: Array, error: float, time: float) -> Twist:
-        """Turns if there is room, else backs out to where there is."""
+        """Turns if there is room, else stands."""
         box = self._front + _TURN_ROOM, self._rear + _TURN_ROOM, self._half + _TURN_ROOM
         stretch = math.copysign(min(abs(error), 0.6), error)
-        if self.backing:
-            self.backing = self._room(local) < self._turning_room
-        if not self.backing and not _turn(local, *box, stretch):
+        self.cramped = False
+        if not _turn(local, *box, stretch):
             other = math.copysign(math.tau - abs(error), -error)
             # All of the other way round, or it would turn to and fro where there is no room, and touch something at last.
             if abs(error) > 2.0 and all(_turn(local, *box, share * other) for share in (0.15, 0.3, 0.5, 0.7, 0.85, 1.0)):
                 return self._done(Twist(0.0, math.copysign(0.5 * self._fastest, other)), time)
-            self.backing = True
-        if self.backing:
-            return self._done(self._back_out(local), time)
-        self.blocked, self._way_out = False, 0.0
-        rate = min(self._fastest, math.sqrt(self._limits.acc_lim_theta * abs(error)), abs(error) / self._dt(time))
+            self.cramped = True
+            return self._done(Twist(), time)
+        self.blocked = False
+        rate = min(self._fastest, math.sqrt(self._limits.acc_lim_theta * abs(error)), abs(error) / self.period(time))
         return self._done(Twist(0.0, math.copysign(rate, error)), time)
 
-    def _back_out(self, local: Array) -> Twist:
-        """Straight, the way that is free farther, until it ends."""
-        gap, half, speed = 0.01, self._half + 0.002, min(0.08, -self._limits.min_vel_x)
-        if not len(local):
-            return Twist()
-        if self._way_out == 0.0:
-            ahead, back = (_straight(local, self._front, self._rear, half, sign) for sign in (1.0, -1.0))
-            self._way_out = 1.0 if ahead > back else -1.0
-        for sign in (self._way_out, -self._way_out):
-            if _straight(local, self._front, self._rear, half, sign) > gap and (sign > 0 or speed > 0):
-                self.blocked, self._way_out = False, sign  # until it is closed
-                return Twist(sign * (speed if speed > 0 else 0.08), 0.0)
-        self.backing, self.blocked = False, True
-        return Twist()
-
-    def _dt(self, time: float) -> float:
+    def period(self, time: float) -> float:
+        """Since the last command [s]."""
         return min(max(time - self._time, 0.01), 0.2)
 
     def _done(self, twist: Twist, time: float) -> Twist:
-        dt, lim = self._dt(time), self._limits
+        dt, lim = self.period(time), self._limits
         omega = min(max(twist.omega, self._last.omega - lim.acc_lim_theta * dt), self._last.omega + lim.acc_lim_theta * dt)
         self._last, self._time = Twist(twist.v, omega if twist.omega != 0.0 else 0.0), time
         return self._last

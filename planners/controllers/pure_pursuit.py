@@ -3,7 +3,7 @@
 The arc to a point of the path a lookahead distance ahead is driven (Coulter, CMU-RI-TR-92-01: kappa = 2 y / L^2); the speed is
 regulated by curvature, by nearness of obstacles and by the way left (Macenski, Singh, Martin and Gines, Regulated Pure Pursuit
 for Robot Path Tracking, Autonomous Robots 47, 2023). Added here: the whole outline is checked along the arc, the lookahead
-shrinks where the arc would touch something, and the car backs up where it can neither go on nor turn.
+shrinks where the arc would touch something, and the car gets out of where it can neither go on nor turn (`Escape`).
 """
 
 from __future__ import annotations
@@ -16,15 +16,16 @@ import numpy as np
 from robocar.core import SE2, Belief, Context, Costmap, Drive, Goal, Observation, Path, Points, Robot, State, Text, Twist
 from robocar.core.compiling import trial_robot, warm_up
 from robocar.core.trace import Drawable
+from robocar.planners.geometry.escape import CELLS, Escape
 from robocar.planners.geometry.outlines import CostmapView, Outlines
 from robocar.planners.geometry.polyline import nearest_on_path, point_ahead
+from robocar.planners.geometry.surfaces import REACH, surfaces
 
 STOPPING_SHARE = 0.5
 """Of `Goal.xy_goal_tolerance`: the car stops here, well inside, since its belief may be off."""
 
 _TOUCHING = 1e-3  # [m] an arc that is free no farther is blocked
 _ALIGNED = 0.05  # [rad] less is not worth turning for
-_SWERVE = 3.0  # [1/m] curvature of the arcs tried backwards
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +43,6 @@ class PurePursuitParameters:
         approach_deceleration: towards the goal [m/s^2].
         min_approach_linear_velocity: the slowest it drives up to the goal [m/s].
         footprint_padding: kept free around the outline where there is room for it [m].
-        back_up_distance, back_up_speed: of one try to get out of a dead end [m, m/s].
     """
 
     desired_linear_vel: float = 0.4
@@ -56,13 +56,11 @@ class PurePursuitParameters:
     approach_deceleration: float = 0.4
     min_approach_linear_velocity: float = 0.05
     footprint_padding: float = 0.01
-    back_up_distance: float = 0.12
-    back_up_speed: float = 0.1
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
             value = getattr(self, name)
-            zero_is_fine = name in ("footprint_padding", "proximity_slowdown", "rotate_to_heading_min_angle", "back_up_distance")
+            zero_is_fine = name in ("footprint_padding", "proximity_slowdown", "rotate_to_heading_min_angle")
             if not (math.isfinite(value) and (value > 0 or (zero_is_fine and value == 0) or isinstance(value, bool))):
                 raise ValueError(f"{name} must be positive, not {value}")
         if self.proximity_slowdown >= 1.0:
@@ -93,7 +91,8 @@ class PurePursuit:
         self._path: Path | None = None
         self._points = np.empty((0, 2))
         self._segment = 0
-        self._back_up_left = 0.0  # [m]
+        self._held_up = False  # where it was to drive, braking would end in an obstacle
+        self._escape = Escape(robot, self.parameters.footprint_padding, CELLS)
         _warm_up()
 
     def command(self, state: State, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal) -> Drive:
@@ -104,20 +103,26 @@ class PurePursuit:
             costmap: obstacles; None is a world without.
         """
         pose = state.belief.pose
+        if (
+            self._escape.running
+            and (escaping := self._escape.command(pose, surfaces(costmap, pose, REACH), self._dt)) is not None
+        ):
+            self._last = escaping.twist
+            return escaping
         views = self._outlines.views(costmap, pose)
         if math.hypot(goal.position[0] - pose.x, goal.position[1] - pose.y) <= STOPPING_SHARE * goal.xy_goal_tolerance:
-            self._back_up_left = 0.0
-            return self._align(views[-1], pose, goal)
+            return self._align(views[-1], costmap, pose, goal)
         if path is None:
             self._points, self._segment, self._path = np.array([[pose.x, pose.y], goal.position]), 0, None
         elif path is not self._path:
             self._points, self._segment, self._path = np.array(path.points), 0, path
         trace: dict[str, Drawable] = {}
+        if self._held_up:
+            self._held_up = False
+            return self._get_out(costmap, pose, trace)
         for view in views:
             arc = self._best_arc(view, pose)
             trace["lookahead"] = Points(np.array([arc.carrot]))
-            if self._back_up_left > 0.0:
-                return self._back_up(view, trace)
             turns = self.parameters.use_rotate_to_heading and abs(arc.bearing) > self.parameters.rotate_to_heading_min_angle
             if abs(arc.bearing) > _ALIGNED and (turns or arc.free <= _TOUCHING):
                 turning = self._turn(view, arc.bearing, trace)
@@ -125,8 +130,7 @@ class PurePursuit:
                     return turning
             if arc.free > _TOUCHING:
                 return self._drive_arc(view, arc, trace)
-        self._back_up_left = self.parameters.back_up_distance
-        return self._back_up(views[-1], trace)
+        return self._get_out(costmap, pose, trace)
 
     def _best_arc(self, view: CostmapView, pose: SE2) -> _Arc:
         """The arc to the carrot, or to a nearer one where it would touch something; if all do, the one that is free the
@@ -180,27 +184,29 @@ class PurePursuit:
                 return self._drive(view, 0.0, self._turning_speed(way), trace)
         return None
 
-    def _align(self, view: CostmapView, pose: SE2, goal: Goal) -> Drive:
+    def _align(self, view: CostmapView, costmap: Costmap | None, pose: SE2, goal: Goal) -> Drive:
         """At the goal: stand, or turn to its heading."""
         turn = 0.0 if goal.heading is None else math.remainder(goal.heading - pose.theta, math.tau)
         if abs(turn) <= STOPPING_SHARE * goal.yaw_goal_tolerance:
             return self._drive(view, 0.0, 0.0)
         # turning as far as it goes would end in what is in the way: noise hides it now and then
-        return self._turn(view, turn, {}) or self._back_up(view, {})
+        return self._turn(view, turn, {}) or self._get_out(costmap, pose, {})
 
-    def _back_up(self, view: CostmapView, trace: dict[str, Drawable]) -> Drive:
-        """Out of where the car can neither go on nor turn: back on the freest of three arcs, else a little turn either way."""
-        speed = min(self.parameters.back_up_speed, -self._limits.min_vel_x)
-        self._back_up_left -= max(speed, 1e-3) * self._dt
-        if speed > 0.0:
-            free, curvature = max((view.free_arc(k, -0.1)[0], k) for k in (_SWERVE, -_SWERVE, 0.0))
-            if free > _TOUCHING:
-                return self._drive(view, -speed, -curvature * speed, trace)
-        self._back_up_left = 0.0
-        for angle in (0.1, -0.1):
-            if view.free_turn(angle):
-                return self._drive(view, 0.0, self._turning_speed(angle), trace)
-        return self._drive(view, 0.0, 0.0, trace | {"pure_pursuit": Text("blocked on all sides", "WARN")})
+    def _get_out(self, costmap: Costmap | None, pose: SE2, trace: dict[str, Drawable]) -> Drive:
+        """Out of where the car can neither go on nor turn: it stops, and then drives to where it has more room."""
+        if self._last == Twist() and self._escape.begin(pose, surfaces(costmap, pose, REACH)):
+            escaping = self._escaping(costmap, pose)
+            if escaping is not None:
+                return escaping
+        self._last = Twist()
+        return Drive(Twist(), trace=trace | {"pure_pursuit": Text("blocked on all sides", "WARN")})
+
+    def _escaping(self, costmap: Costmap | None, pose: SE2) -> Drive | None:
+        """The next command of the way out; None where it is over."""
+        escaping = self._escape.command(pose, surfaces(costmap, pose, REACH), self._dt)
+        if escaping is not None:
+            self._last = escaping.twist
+        return escaping
 
     def _drive_arc(self, view: CostmapView, arc: _Arc, trace: dict[str, Drawable]) -> Drive:
         """Along an arc: its curvature is kept while the car speeds up, and turning sets the pace where it takes longer."""
@@ -214,7 +220,7 @@ class PurePursuit:
 
     def _drive(self, view: CostmapView, v: float, omega: float, trace: dict[str, Drawable] | None = None) -> Drive:
         """The wanted twist within the accelerations, unless braking from it would end in an obstacle: then the car stops at once,
-        and if it stands already, it backs up."""
+        and if it stands already, it gets out."""
         limits, dt, last = self._limits, self._dt, self._last
         v = min(max(v, last.v - limits.acc_lim_x * dt), last.v + limits.acc_lim_x * dt)
         omega = min(max(omega, last.omega - limits.acc_lim_theta * dt), last.omega + limits.acc_lim_theta * dt)
@@ -223,8 +229,7 @@ class PurePursuit:
             safe = view.free_arc(omega / v, braking)[0] >= abs(braking)
         else:
             safe = view.free_turn(omega * dt + math.copysign(omega * omega / (2.0 * limits.acc_lim_theta), omega))
-        if not safe and last == Twist() and self._back_up_left <= 0.0:
-            self._back_up_left = self.parameters.back_up_distance
+        self._held_up = not safe and last == Twist()
         self._last = Twist(v, omega) if safe else Twist()
         return Drive(self._last, trace=trace or {})
 

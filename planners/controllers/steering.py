@@ -82,16 +82,16 @@ class Steering:
         return Drive(self.last, trace=trace or {})
 
     def at_goal(self, views: list[CostmapView], pose: SE2, goal: Goal) -> Drive | None:
-        """Well inside the goal's tolerance: stand, or turn to its heading; elsewhere None."""
+        """Well inside the goal's tolerance: stand, or turn to its heading where there is room; elsewhere None."""
         if math.hypot(goal.position[0] - pose.x, goal.position[1] - pose.y) > STOPPING_SHARE * goal.xy_goal_tolerance:
             return None
         turn = 0.0 if goal.heading is None else math.remainder(goal.heading - pose.theta, math.tau)
         if abs(turn) <= STOPPING_SHARE * goal.yaw_goal_tolerance:
             return self.drive(0.0, 0.0)
-        other = turn - math.copysign(math.tau, turn)
-        if not views[-1].free_turn(turn) and views[-1].free_turn(other):
-            turn = other
-        return self.drive(0.0, self._turning_speed(turn))
+        for angle in (turn, turn - math.copysign(math.tau, turn)):
+            if views[-1].free_turn(angle):
+                return self.drive(0.0, self._turning_speed(angle))
+        return self.drive(0.0, 0.0)
 
     def to_path(self, views: list[CostmapView], bearing: float) -> Drive | None:
         """A turn on the spot towards a path that leads away [rad], if there is room for it; else None."""

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from robocar.core import SE2, STOP, Array, Context, Costmap, Drive, Observation, Robot, Text, Twist
 from robocar.core.compiling import trial_robot, warm_up
+from robocar.core.trace import merged
+from robocar.planners.geometry.escape import CELLS, Escape
 from robocar.planners.geometry.outlines import CostmapView, Outlines
+from robocar.planners.geometry.surfaces import REACH, surfaces
 
 _ORDER = ("clear", "back_up", "spin", "wait")
 _SWERVE = 3.0  # [1/m] curvature of the arcs tried backwards, where straight back is not free
+_ROOM = 0.02  # [m] free around the circumscribed circle is room to turn
 _STEADY = 0.3  # [s] a behaviour ends when it has had no free twist for so long
 
 
@@ -60,6 +64,7 @@ class Recovery:
         self.parameters = parameters or RecoveryParameters()
         self._limits, self._dt = robot.limits, control_period
         self._outlines = Outlines(robot.footprint, 0.0)
+        self._escape = Escape(robot, _ROOM, CELLS)
         self.count = self._waits = 0
         self.message = ""
         self._began_at: Array | None = None
@@ -93,15 +98,28 @@ class Recovery:
     def start(self, name: str, pose: SE2, time: float) -> None:
         """Begins a behaviour: `back_up`, `spin` or `wait`; `clear` takes no time."""
         self._running = "" if name == "clear" else name
+        self._escape.stop()
+        self._escapes = name == "back_up"  # asked for, where there is no room to turn
         self._start, self._time, self._free_time = pose, time, time
-        self._last, self._heading, self._turned, self._way = Twist(), pose.theta, 0.0, 1.0
+        self._last, self._heading, self._turned = Twist(), pose.theta, 0.0
 
     def step(self, pose: SE2, costmap: Costmap | None, time: float) -> Drive | None:
         """The next command of the running behaviour; None when it is over, the car stands then."""
         if not self._running:
             return None
+        known = surfaces(costmap, pose, REACH)
+        if self._escapes and not self._escape.roomy(pose, known):
+            self._escape.begin(pose, known)
+        self._escapes = False
+        if self._escape.running:
+            escaping = self._escape.command(pose, known, self._dt)
+            if escaping is None:
+                self._running = ""
+                return None
+            return replace(escaping, trace=merged(escaping.trace, {"recovery": Text(self.message, "WARN")}))
         view = self._outlines.views(costmap, pose)[0]
-        twist = {"back_up": self._back_up, "spin": self._spin, "wait": self._wait}[self._running](pose, view, time)
+        roomy = self._escape.roomy(pose, known)
+        twist = {"back_up": self._back_up, "spin": self._spin, "wait": self._wait}[self._running](pose, view, roomy, time)
         if twist is None:
             if self._last == Twist():
                 self._running = ""
@@ -112,7 +130,8 @@ class Recovery:
         self._last = Twist(min(max(twist.v, last.v - dv), last.v + dv), min(max(twist.omega, last.omega - dw), last.omega + dw))
         return Drive(self._last, trace={"recovery": Text(self.message, "WARN")})
 
-    def _back_up(self, pose: SE2, view: CostmapView, time: float) -> Twist | None:
+    def _back_up(self, pose: SE2, view: CostmapView, roomy: bool, time: float) -> Twist | None:
+        """Straight back, while there is room to turn: where there is none, only an `Escape` moves the car."""
         p = self.parameters
         speed = min(p.backup_speed, -self._limits.min_vel_x)
         left = p.backup_dist - pose.distance_to(self._start)
@@ -120,26 +139,24 @@ class Recovery:
             return None
         probe = min(left, 0.1)
         free, curvature = max((view.free_arc(k, -probe)[0], -abs(k), k) for k in (0.0, _SWERVE, -_SWERVE))[::2]
-        if free < 0.5 * probe:
+        if not roomy or free < 0.5 * probe:
             return self._blocked(time)
         self._free_time = time
         return Twist(-speed, -curvature * speed)
 
-    def _spin(self, pose: SE2, view: CostmapView, time: float) -> Twist | None:
+    def _spin(self, pose: SE2, view: CostmapView, roomy: bool, time: float) -> Twist | None:
         p = self.parameters
         self._turned += math.remainder(pose.theta - self._heading, math.tau)
         self._heading = pose.theta
         left = p.spin_dist - abs(self._turned)
         if left <= 0.0 or time - self._time > 4.0 * p.spin_dist / p.rotational_vel:
             return None
-        if self._turned == 0.0 and not view.free_turn(0.3) and view.free_turn(-0.3):
-            self._way = -1.0
-        if not view.free_turn(self._way * min(left, 0.3)):
+        if not roomy:
             return self._blocked(time)
         self._free_time = time
-        return Twist(0.0, self._way * min(p.rotational_vel, self._limits.max_vel_theta))
+        return Twist(0.0, min(p.rotational_vel, self._limits.max_vel_theta))
 
-    def _wait(self, pose: SE2, view: CostmapView, time: float) -> Twist | None:
+    def _wait(self, pose: SE2, view: CostmapView, roomy: bool, time: float) -> Twist | None:
         return Twist() if time - self._time < self.parameters.wait_duration else None
 
     def _blocked(self, time: float) -> Twist | None:
