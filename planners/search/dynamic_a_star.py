@@ -15,10 +15,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,48 +44,15 @@ from robocar.core import (
     wrap_angle,
 )
 from robocar.core.trace import PLAN_COLOR, Drawable, LazyTrace
+from robocar.planners.geometry.escape import CELLS, MARGIN, Escape
 from robocar.planners.search import a_star
 from robocar.planners.search.car_lattice import CarLattice
+from robocar.planners.search.dynamic_a_star_parameters import DynamicAStarParameters
 from robocar.planners.search.obstacle_memory import ObstacleMemory
 
 Makers: TypeAlias = dict[str, Callable[[], Drawable]]  # of drawables by name, called when somebody looks, within the tick
 
-
-@dataclass(frozen=True, slots=True)
-class DynamicAStarParameters:
-    """
-    Args:
-        metric: of the A* search, see `robocar.planners.search.a_star`: `octile`, or `thesis` for its Manhattan heuristic.
-        look_around: turn 360 degrees in each new cell: `auto` does where no sonar looks sideways.
-        cell_size: of the lattice [m].
-        margin: room that the footprint keeps [m]; given up where no way is left with it.
-        prior_tolerance: an echo this near to what the prior shows (its edge included) is that, seen from a drifted pose [m].
-        hit_range: echoes from farther away are not marked [m]; free_range: nor is what lies before them taken back beyond
-            this [m].
-        speed: from cell to cell [m/s]; turn_rate: on the spot [rad/s].
-    """
-
-    metric: Literal["octile", "thesis"] = "octile"
-    look_around: Literal["auto", "always", "never"] = "auto"
-    cell_size: float = 0.30
-    margin: float = 0.015
-    prior_tolerance: float = 0.08
-    hit_range: float = 0.65
-    free_range: float = 0.65
-    speed: float = 0.25
-    turn_rate: float = 1.2
-
-    def __post_init__(self) -> None:
-        if self.metric not in ("octile", "thesis"):
-            raise ValueError(f"metric is octile or thesis, not {self.metric!r}")
-        if self.look_around not in ("auto", "always", "never"):
-            raise ValueError(f"look_around is auto, always or never, not {self.look_around!r}")
-        for name in ("cell_size", "hit_range", "free_range", "speed", "turn_rate"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, not {getattr(self, name)}")
-        for name in ("margin", "prior_tolerance"):
-            if not getattr(self, name) >= 0:
-                raise ValueError(f"{name} must not be negative, not {getattr(self, name)}")
+_ROOM = 0.005  # [m] free around the circumscribed circle, where a way out of a tight place ends
 
 
 class DynamicAStar:
@@ -94,6 +60,7 @@ class DynamicAStar:
 
     def __init__(self, context: Context) -> None:
         self._robot: Robot = context.robot
+        self._dt = context.control_period
         self._prior = context.prior
         self._parameters = context.parameters_of(DynamicAStarParameters)
         self._footprint = context.robot.footprint
@@ -117,6 +84,7 @@ class DynamicAStar:
         self._turning = True
         self._plans = self._counted = 0  # plans made, and told of as replans
         self._desperate = False
+        self._escape = Escape(context.robot, _ROOM, CELLS)
         self._overhang = 0.0  # [m] how far the car's nose reaches beyond the last point of the way
 
     def _keep(self, margin: float) -> None:
@@ -142,6 +110,8 @@ class DynamicAStar:
         else:
             for scan in observation.scans:
                 memory.mark(pose, scan, self._parameters.hit_range, self._parameters.free_range)
+        if (escaping := self._get_out(pose)) is not None:
+            return escaping
         shown: Makers = {}
         work: dict[str, int] = {}
         if self._planned_to is None or (not self._retreating and self._must_replan(pose)):
@@ -322,6 +292,31 @@ class DynamicAStar:
         lattice, memory = self._lattice, self._memory
         assert lattice is not None and memory is not None
         return memory.disc_blocked(lattice.centre(cell), self._disc)
+
+    def _get_out(self, pose: SE2) -> Command | None:
+        """Where the car cannot turn as it is about to, it drives to where it can, and plans again from there; None elsewhere."""
+        memory, escape = self._memory, self._escape
+        assert memory is not None
+        if not escape.running:
+            turns = self._planned_to is None or self._spin is not None or (self._turning and not self._retreating)
+            if not turns or not memory.disc_blocked((pose.x, pose.y), self._footprint.circumscribed_radius + MARGIN):
+                return None
+            known = memory.surfaces(pose)
+            if self._planned_to is not None and escape.turns(pose, known, self._next_turn(pose)):
+                return None
+            if not escape.begin(pose, known):
+                return None
+        escaping = escape.command(pose, memory.surfaces(pose), self._dt)
+        if escaping is None:
+            self._way, self._planned_to, self._anchor, self._retreating, self._turning = [], None, None, False, True
+        return escaping
+
+    def _next_turn(self, pose: SE2) -> float:
+        """What the car is about to turn on the spot [rad]."""
+        if self._spin is not None:
+            return self._spin_sign * self._spin[0]
+        dx, dy = self._way[0] - pose.position
+        return wrap_angle(math.atan2(dy, dx) - pose.theta)
 
     # -- driving ------------------------------------------------------------------------------------------------------
 

@@ -13,8 +13,9 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from robocar.core import SE2, Array, OccupancyGrid, Scan
+from robocar.core import LETHAL, SE2, Array, Costmap, OccupancyGrid, Scan
 from robocar.core.compiling import warm_up
+from robocar.planners.geometry.surfaces import REACH, surfaces
 
 FINE = 0.025  # [m] resolution of the grid on which echoes are gathered
 _HIT, _MOST, _LEAST = 2, 6, -6  # evidence from which on a fine cell counts as an obstacle, and its bounds
@@ -180,6 +181,11 @@ class ObstacleMemory:
         return bool(
             _way_blocked(self._evidence, *self._grid_point(start), *self._grid_point(end), half_width * scale, front * scale)
         )
+
+    def surfaces(self, pose: SE2) -> Array:
+        """See `robocar.planners.geometry.surfaces.surfaces`."""
+        costs = np.where(self._evidence >= _HIT, np.uint8(LETHAL), np.uint8(0))
+        return surfaces(Costmap(costs, self.resolution, self._origin), pose, REACH)
 
     def forget(self) -> None:
         """Drops every echo, keeps the prior."""
