@@ -33,7 +33,7 @@ def time_limit(world: Mapping[str, Any] | str) -> float:
     """Of a run in this world [s]: about ten times what the shortest way takes, stops and turns with it."""
     scene = scene_of(world)
     assert scene.goal is not None
-    shortest = shortest_path_length(scene.true_grid, RobotModel.load().footprint, scene.start, scene.goal, scene.only_discs)
+    shortest = shortest_path_length(scene.judged_map, RobotModel.load().footprint, scene.start, scene.goal, scene.only_discs)
     if shortest is None:  # start or goal lie outside the grid
         shortest = math.dist(scene.start.position, scene.goal.position)
     base, slope, most = TIME_LIMIT

@@ -232,7 +232,7 @@ class DynamicWindow:
         outline = view.outline if view.outline is not None else np.empty((0, 2))
         safe = 0.0 if self._inflation is None else safe_cost(self._inflation, self._footprint, r)
         fastest, limits = self._steering.fastest, self._steering.limits
-        body = RobotBody(outline, self._footprint.circumscribed_radius / r, safe)
+        body = RobotBody(outline, self._footprint.circumscribed_radius / r, safe, view.walled)
         soon = min(self._steps, max(1, round(p.window / p.sim_granularity)))
         horizon = RolloutHorizon(p.sim_granularity, self._steps, soon, brake)
         aim = RolloutAim(local.points, local.goal, forward / r)

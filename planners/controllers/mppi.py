@@ -222,7 +222,7 @@ class MPPI:
                 SLOWEST / r,
             ),
             Sampling(mean, noise, np.array([p.vx_std / r, p.wz_std]), p.model_dt),
-            RobotBody(outline, self._footprint.circumscribed_radius / r, safe),
+            RobotBody(outline, self._footprint.circumscribed_radius / r, safe, view.walled),
             RolloutAim(local.points, local.goal, forward / r),
             CostWeights(
                 p.cost_weight / 252.0,

@@ -101,7 +101,7 @@ def sample_costs(
             check = moved > 0.5 or i == steps - 1
             if check:
                 moved = 0.0
-            cost = outline_cost(costs, x, y, theta, body.vertices, body.safe_cost if check else 256.0)
+            cost = outline_cost(costs, x, y, theta, body.vertices, body.safe_cost if check else 256.0, body.walled)
             if cost == math.inf:
                 hit = i
                 continue

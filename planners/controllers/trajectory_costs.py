@@ -38,11 +38,13 @@ class RobotBody(NamedTuple):
         vertices: of its outline, (m, 2) [cells]; without any, nothing is touched.
         radius: how far the outline reaches from the centre [cells].
         safe_cost: see `outline_cost`.
+        walled: whether it touches what lies beyond the costs (`Costmap.walled`).
     """
 
     vertices: Array
     radius: float
     safe_cost: float
+    walled: bool
 
 
 class RolloutAim(NamedTuple):
@@ -76,12 +78,13 @@ class RolloutHorizon(NamedTuple):
 
 
 @njit(cache=True)
-def outline_cost(costs: NDArray, x: float, y: float, theta: float, vertices: Array, safe_cost: float) -> float:
+def outline_cost(costs: NDArray, x: float, y: float, theta: float, vertices: Array, safe_cost: float, walled: bool) -> float:
     """Cost under the robot's centre, 0 to 252, or inf where its outline touches a lethal or unknown cell.
 
     Args:
         vertices: (n, 2) [cells]; without any, nothing is touched.
         safe_cost: below it, nothing is near enough to touch, however the robot is turned, and the outline is not checked.
+        walled: see `RobotBody`.
     """
     rows, cols = costs.shape
     row, col = math.floor(y), math.floor(x)
@@ -90,7 +93,7 @@ def outline_cost(costs: NDArray, x: float, y: float, theta: float, vertices: Arr
         cost = float(costs[row, col])
         if cost < safe_cost:
             return cost
-    if len(vertices) > 0 and (cost >= LETHAL or not footprint_free(costs, x, y, theta, vertices)):
+    if len(vertices) > 0 and (cost >= LETHAL or not footprint_free(costs, x, y, theta, vertices, walled)):
         return math.inf
     return min(cost, _HIGHEST)
 
@@ -157,7 +160,7 @@ def rollouts(
             check = moved > _CHECKED or i == steps - 1
             if check:
                 moved = 0.0
-            cost = outline_cost(costs, x, y, theta, body.vertices, body.safe_cost if check else 256.0)
+            cost = outline_cost(costs, x, y, theta, body.vertices, body.safe_cost if check else 256.0, body.walled)
             if cost == math.inf:
                 terms[k, 0] = 1.0
                 break

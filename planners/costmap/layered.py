@@ -24,7 +24,7 @@ class CostmapParameters:
         cost_scaling_factor: how fast costs fall with the distance [1/m].
         margin: beyond the inscribed radius, the width on which costs are highest without being blocked [m].
         allow_unknown: whether unknown cells of the prior map count as free; else as obstacles.
-        walled: whether the prior map is taken to have walls around its edges.
+        walled: whether the prior map is taken to have walls around its edges, as the world has them.
         obstacle_max_range: laser hits farther away are not marked [m].
         sonar_obstacle_max_range: the same for sonars, whose echoes say less the farther they come from [m].
         sonar_shadow: how deep what answers a sonar is taken to be, until an echo comes from beyond: its sides, met at grazing
@@ -76,7 +76,7 @@ def inflate(occupancy: OccupancyGrid, inscribed_radius: float, parameters: Costm
     costs = np.empty_like(solid)
     kernel = _kernel(occupancy.resolution, inscribed_radius, parameters)
     inflate_window(solid, kernel, costs, parameters.walled, 0, solid.shape[0], 0, solid.shape[1])
-    return Costmap(costs, occupancy.resolution, occupancy.origin)
+    return Costmap(costs, occupancy.resolution, occupancy.origin, walled=parameters.walled)
 
 
 def _solid(occupancy: OccupancyGrid, parameters: CostmapParameters) -> NDArray[np.uint8]:
@@ -189,7 +189,7 @@ class LayeredCostmap:
         if self._costmap is None:
             costs = self._costs.copy()
             costs.flags.writeable = False
-            self._costmap = Costmap(costs, self._place.resolution, self._place.origin, self.frame)
+            self._costmap = Costmap(costs, self._place.resolution, self._place.origin, self.frame, self._walled)
         return self._costmap
 
     def _set_ground(

@@ -12,8 +12,8 @@ from robocar.core import LETHAL, Array
 
 
 @njit(cache=True)
-def footprint_free(costs: NDArray, x: float, y: float, theta: float, vertices: Array) -> bool:
-    """Whether no lethal or unknown cell overlaps the footprint; the place outside the grid is free.
+def footprint_free(costs: NDArray, x: float, y: float, theta: float, vertices: Array, walled: bool = False) -> bool:
+    """Whether no lethal or unknown cell overlaps the footprint.
 
     Exact for convex outlines: two convex shapes are apart exactly if an edge of one of them separates them (separating axis
     theorem).
@@ -22,6 +22,7 @@ def footprint_free(costs: NDArray, x: float, y: float, theta: float, vertices: A
         costs: (rows, cols).
         x, y, theta: the robot's pose in grid coordinates [cells, cells, rad].
         vertices: of its outline, counter-clockwise, (n, 2) [cells].
+        walled: whether the place outside the grid is lethal (`Costmap.walled`); else it is free.
     """
     rows, cols = costs.shape
     n = len(vertices)
@@ -30,10 +31,11 @@ def footprint_free(costs: NDArray, x: float, y: float, theta: float, vertices: A
     for i in range(n):
         corners[i, 0] = x + c * vertices[i, 0] - s * vertices[i, 1]
         corners[i, 1] = y + s * vertices[i, 0] + c * vertices[i, 1]
-    first_col = max(0, math.floor(corners[:, 0].min()))
-    last_col = min(cols - 1, math.ceil(corners[:, 0].max()) - 1)
-    first_row = max(0, math.floor(corners[:, 1].min()))
-    last_row = min(rows - 1, math.ceil(corners[:, 1].max()) - 1)
+    left, right, low, high = corners[:, 0].min(), corners[:, 0].max(), corners[:, 1].min(), corners[:, 1].max()
+    if walled and (left < 0.0 or low < 0.0 or right > cols or high > rows):
+        return False
+    first_col, last_col = max(0, math.floor(left)), min(cols - 1, math.ceil(right) - 1)
+    first_row, last_row = max(0, math.floor(low)), min(rows - 1, math.ceil(high) - 1)
     for row in range(first_row, last_row + 1):
         for col in range(first_col, last_col + 1):
             if costs[row, col] < LETHAL:

@@ -19,10 +19,10 @@ _NOTHING.flags.writeable = False
 
 @njit(cache=True)
 def free_arc(
-    costs: NDArray, x: float, y: float, theta: float, curvature: float, length: float, step: float, vertices: Array
+    costs: NDArray, x: float, y: float, theta: float, curvature: float, length: float, step: float, vertices: Array, walled: bool
 ) -> tuple[float, float]:
-    """How far along an arc (backwards where `length` is negative) the outline stays free, at most |length|, and the highest cost
-    that the robot's centre meets there. Pose, lengths in cells, curvature in 1 / cells."""
+    """The share of an arc (backwards where `length` is negative) along which the outline stays free, 0 to exactly 1, and the
+    highest cost that the robot's centre meets there. Pose, lengths in cells, curvature in 1 / cells."""
     rows, cols = costs.shape
     sign = 1.0 if length >= 0.0 else -1.0
     length = abs(length)
@@ -37,28 +37,28 @@ def free_arc(
             forward, left = math.sin(turn) / curvature, (1.0 - math.cos(turn)) / curvature
         px = x + forward * math.cos(theta) - left * math.sin(theta)
         py = y + forward * math.sin(theta) + left * math.cos(theta)
-        if not footprint_free(costs, px, py, theta + turn, vertices):
-            return length * (i - 1) / n, highest
+        if not footprint_free(costs, px, py, theta + turn, vertices, walled):
+            return (i - 1) / n, highest
         row, col = math.floor(py), math.floor(px)
         if 0 <= row < rows and 0 <= col < cols:
             highest = max(highest, float(min(costs[row, col], np.uint8(252))))
-    return length, highest
+    return 1.0, highest
 
 
 @njit(cache=True)
-def free_turn(costs: NDArray, x: float, y: float, theta: float, angle: float, vertices: Array) -> bool:
+def free_turn(costs: NDArray, x: float, y: float, theta: float, angle: float, vertices: Array, walled: bool) -> bool:
     """Whether the outline stays free while turning on the spot by `angle` [rad]."""
     n = max(1, math.ceil(abs(angle) / 0.05))
     free = True
     for i in range(1, n + 1):
-        free = free and footprint_free(costs, x, y, theta + angle * i / n, vertices)
+        free = free and footprint_free(costs, x, y, theta + angle * i / n, vertices, walled)
     return free
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CostmapView:
     """The costmap seen from the robot: pose in grid coordinates, outline in cells; None where the car seems to stand in an
-    obstacle. `roomy`: whether the outline is padded, so that small errors of driving do no harm."""
+    obstacle. `roomy`: whether the outline is padded, so that small errors of driving do no harm; `walled`: see `Costmap`."""
 
     costs: NDArray[np.uint8]
     resolution: float
@@ -67,19 +67,22 @@ class CostmapView:
     theta: float
     outline: Array | None
     roomy: bool = True
+    walled: bool = False
 
     def free_arc(self, curvature: float, length: float) -> tuple[float, float]:
-        """How far along the arc [1/m, m] the car can go [m], and the highest cost there."""
+        """How far along the arc [1/m, m] the car can go [m], exactly |length| where nothing is in the way, and the highest cost
+        there."""
         if self.outline is None:
             return abs(length), 252.0
         r = self.resolution
-        free, highest = free_arc(
-            self.costs, self.x, self.y, self.theta, curvature * r, length / r, min(0.5, 0.02 / r), self.outline
+        share, highest = free_arc(
+            self.costs, self.x, self.y, self.theta, curvature * r, length / r, min(0.5, 0.02 / r), self.outline, self.walled
         )
-        return free * r, highest
+        # A share, since a length in cells and back loses a bit: what is free would now and then seem shorter than was asked for.
+        return abs(length) * share, highest
 
     def free_turn(self, angle: float) -> bool:
-        return self.outline is None or free_turn(self.costs, self.x, self.y, self.theta, angle, self.outline)
+        return self.outline is None or free_turn(self.costs, self.x, self.y, self.theta, angle, self.outline, self.walled)
 
 
 class Outlines:
@@ -107,7 +110,8 @@ class Outlines:
         at = costmap.origin.inverse() @ pose
         x, y = at.x / resolution, at.y / resolution
         roomy, exact, slim = self._in_cells
-        free = [outline for outline in (roomy, exact) if footprint_free(costmap.data, x, y, at.theta, outline)]
+        costs, walled = costmap.data, costmap.walled
+        free = [outline for outline in (roomy, exact) if footprint_free(costs, x, y, at.theta, outline, walled)]
         if not free:
-            free = [slim if footprint_free(costmap.data, x, y, at.theta, slim) else None]
-        return [CostmapView(costmap.data, resolution, x, y, at.theta, outline, outline is roomy) for outline in free]
+            free = [slim if footprint_free(costs, x, y, at.theta, slim, walled) else None]
+        return [CostmapView(costs, resolution, x, y, at.theta, outline, outline is roomy, walled) for outline in free]

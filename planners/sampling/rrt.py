@@ -179,7 +179,7 @@ class RRT:
         (x0, y0), (x1, y1) = start, goal
         if INSCRIBED in (costs[math.floor(y0), math.floor(x0)], costs[math.floor(y1), math.floor(x1)]):
             return None
-        return costmap_world(Costmap(costs, costmap.resolution, costmap.origin))
+        return costmap_world(replace(costmap, data=costs))
 
 
 def path_cost(obstacles: TreeObstacles, path: Array) -> float:

@@ -118,8 +118,9 @@ class ObstacleMemory:
             self.resolution = prior.resolution / split
             known = (prior.occupied | prior.unknown).repeat(split, axis=0).repeat(split, axis=1)
             outside = np.pad(known, 1, constant_values=True)
-            room = np.asarray(distance_transform_edt(~outside))[1:-1, 1:-1] * self.resolution
-            self._evidence = np.where(known, _PRIOR, np.where(room <= tolerance, _EXPLAINED, 0)).astype(np.int8)
+            room = np.asarray(distance_transform_edt(~outside)) * self.resolution
+            self._evidence = np.where(outside, _PRIOR, np.where(room <= tolerance, _EXPLAINED, 0)).astype(np.int8)
+            world_from_lattice @= SE2(-self.resolution, -self.resolution)
         else:
             rows, cols = (max(1, math.ceil(side / FINE)) for side in reversed(extent))
             self._evidence = np.zeros((rows, cols), dtype=np.int8)

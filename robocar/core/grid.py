@@ -150,9 +150,12 @@ class Costmap(GridMap):
 
     Args:
         frame: of `origin`, REP-105: `map`, or `odom`, which corrections of the pose do not move.
+        walled: whether what lies beyond the edge is lethal, as it is around a map that the robot is given; else it is not known,
+            as around a window that rolls along with the robot.
     """
 
     frame: Literal["map", "odom"] = "map"
+    walled: bool = False
 
     def __post_init__(self) -> None:
         data = np.asarray(self.data)

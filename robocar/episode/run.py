@@ -172,7 +172,7 @@ class _Subject:
             standing=np.array([tick.standing for tick in ticks], dtype=bool),
             plan_time=np.array([tick.plan_time for tick in ticks]),
             work=total(*(effort.work for effort in judge.efforts)),
-            grid=self.scene.true_grid,
+            grid=self.scene.judged_map,
             start=self.scene.start,
             goal=self.goal,
             wall_time=wall_time,

@@ -79,7 +79,7 @@ class RunLog:
         standing: whether the robot stands still, (n,) bool.
         plan_time: wall time of the navigator, (n,) [s]; nan where it was not asked.
         work: what was computed for all commands together, by unit, see `robocar.core.Command`.
-        grid: the true map.
+        grid: the true map with its border.
         start: the true pose before the first tick.
         goal: None also for tasks without one.
         wall_time: of the loop, without building the world [s].

@@ -264,7 +264,8 @@ def _distance_field(scene: Scene) -> Array:
     assert scene.goal is not None
     radius = scene.scenario.robot_model().footprint.inscribed_radius
     goal = grid.cell_inside(scene.goal.position, "goal")
-    free = obstacle_distance(grid.occupied, grid.resolution) > radius
+    around = np.pad(grid.occupied, 1, constant_values=scene.scenario.border == "wall")
+    free = obstacle_distance(around, grid.resolution)[1:-1, 1:-1] > radius
     free[goal] = True
     number = np.arange(free.size).reshape(free.shape)
     tails, heads, lengths = [], [], []

@@ -100,7 +100,7 @@ class Scene:
 
     @cached_property
     def judged_map(self) -> OccupancyGrid:
-        """What a drawn map is compared with: walls, solids, and the wall around."""
+        """What a drawn map and the way driven are compared with: walls, solids, and the wall around."""
         return enclosed(self.true_grid, self.scenario.border == "wall")
 
     @cached_property
@@ -227,7 +227,8 @@ class Scene:
                 continue
             if grid.occupied[cell]:
                 raise GoalOccupied(f"{what} ({x:g}, {y:g}) lies in a wall of the {name}")
-            room = float(ClearanceField(grid, grid.occupied).points(goal.position[None])[0])
+            walls = enclosed(grid, self.scenario.border == "wall")
+            room = float(ClearanceField(walls, walls.occupied).points(goal.position[None])[0])
             if room < footprint.inscribed_radius:
                 raise GoalOccupied(
                     f"{what} ({x:g}, {y:g}) is too tight: the nearest wall of the {name} is {room:.3f} m away, "

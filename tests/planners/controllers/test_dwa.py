@@ -50,7 +50,7 @@ from tests.planners.kinematic import DT, car, context, drive
 from tests.planners.navigators.test_plan_and_follow import field
 
 OPEN = Costmap(np.zeros((120, 120), dtype=np.uint8), 0.05, SE2(-3.0, -3.0))
-POINT, TWO_SECONDS = RobotBody(np.empty((0, 2)), 2.7, 0.0), RolloutHorizon(0.1, 20, 5, NEVER)
+POINT, TWO_SECONDS = RobotBody(np.empty((0, 2)), 2.7, 0.0, False), RolloutHorizon(0.1, 20, 5, NEVER)
 
 
 def planner(robot: Robot | None = None, **parameters: object) -> DynamicWindow:
@@ -113,7 +113,7 @@ def test_cheap_cells_are_never_near_an_obstacle(seed: int, resolution: float, in
     vertices, safe = np.array(footprint.vertices / resolution), safe_cost(p, footprint, resolution)
     for x, y, theta in np.column_stack([rng.uniform(0, 30, (40, 2)), rng.uniform(-3, 3, 40)]):
         free = footprint_free(costs, x, y, theta, vertices)
-        assert (outline_cost(costs, x, y, theta, vertices, safe) < math.inf) == free
+        assert (outline_cost(costs, x, y, theta, vertices, safe, False) < math.inf) == free
 
 
 @pytest.mark.parametrize("row", [52, 57, 62])

@@ -55,7 +55,7 @@ def test_costs_are_those_of_the_trajectories(seed: int) -> None:
     path, goal = np.array([[60.0, 60.0], [75.0, 66.0], [90.0, 60.0]]), np.array([85.0, 62.0])
     weights = CostWeights(0.01, 0.02, 0.03, 0.2, 0.002)
     scale = np.array([4.0, 0.8])
-    sampling, body, aim = Sampling(mean, noise, scale, 0.1), RobotBody(outline, 2.9, 0.0), RolloutAim(path, goal, 3.0)
+    sampling, body, aim = Sampling(mean, noise, scale, 0.1), RobotBody(outline, 2.9, 0.0, False), RolloutAim(path, goal, 3.0)
     found, controls = sample_costs(costs, start, limits, sampling, body, aim, weights, NONE)
     for k in range(6):
         x, y, theta, v, w = start

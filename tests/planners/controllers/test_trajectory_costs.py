@@ -112,7 +112,7 @@ def test_trajectories_cost_what_their_definitions_say(with_movers: bool, corners
         costs = costs.astype(np.uint8)
         angles = np.sort(rng.uniform(0.0, math.tau, corners))
         vertices = 3.0 * np.column_stack([np.cos(angles), np.sin(angles)])
-        body = RobotBody(vertices, 3.0, float(rng.choice([0.0, 100.0, 200.0])))
+        body = RobotBody(vertices, 3.0, float(rng.choice([0.0, 100.0, 200.0])), False)
         start = np.array(
             [*rng.uniform(-2.0, 52.0, 2), *rng.uniform(-3.0, 3.0, 1), *rng.uniform(-3.0, 8.0, 1), *rng.uniform(-1.5, 1.5, 1)]
         )
