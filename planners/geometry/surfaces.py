@@ -46,13 +46,13 @@ def _edges(blocked: NDArray[np.bool_]) -> Array:
 
 
 def surfaces(costmap: Costmap | None, pose: SE2, reach: float) -> Array:
-    """Where lethal or unknown cells within `reach` [m] of the robot begin, as segments (x0, y0, x1, y1) in the costmap's frame,
-    (n, 4) [m]."""
+    """Where lethal or unknown cells, or what lies beyond a walled map, within `reach` [m] of the robot begin, as segments
+    (x0, y0, x1, y1) in the costmap's frame, (n, 4) [m]."""
     if costmap is None:
         return np.empty((0, 4))
     row, col = (int(v) for v in costmap.cell_from_world(pose.position))
     cells, (rows, cols) = math.ceil(reach / costmap.resolution), costmap.shape
-    window = np.full((2 * cells + 1, 2 * cells + 1), False)
+    window = np.full((2 * cells + 1, 2 * cells + 1), costmap.walled)
     low, left, high, right = max(0, row - cells), max(0, col - cells), min(rows, row + cells + 1), min(cols, col + cells + 1)
     if low < high and left < right:
         part = costmap.data[low:high, left:right] >= LETHAL

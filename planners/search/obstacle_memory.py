@@ -186,7 +186,7 @@ class ObstacleMemory:
     def surfaces(self, pose: SE2) -> Array:
         """See `robocar.planners.geometry.surfaces.surfaces`."""
         costs = np.where(self._evidence >= _HIT, np.uint8(LETHAL), np.uint8(0))
-        return surfaces(Costmap(costs, self.resolution, self._origin), pose, REACH)
+        return surfaces(Costmap(costs, self.resolution, self._origin, walled=self._bounded), pose, REACH)
 
     def forget(self) -> None:
         """Drops every echo, keeps the prior."""
