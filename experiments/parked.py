@@ -11,6 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
 import numpy as np
 from scipy.ndimage import distance_transform_edt, label
 
@@ -78,6 +82,13 @@ def main(out: Path, quick: bool = False) -> None:
     for note in notes:
         report.say(note)
     report.write()
+    figure, axis = plt.subplots(figsize=(5, 3), layout="constrained")
+    gaps = [1000 * case.gap for case in cases for _ in names]
+    axis.plot(gaps, [1000 * float(result.value("min_clearance") or 0.0) for result in results], ".", ms=4)
+    axis.plot([0.0, 80.0], [0.0, 80.0], color="gray", ls=":")
+    axis.set(xlabel="gap where it is parked [mm]", ylabel="least clearance of the run [mm]")
+    figure.savefig(out / "parked.png", dpi=110)
+    plt.close(figure)
 
 
 def left(case: Parked, result: RunResult) -> bool:

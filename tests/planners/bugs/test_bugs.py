@@ -128,14 +128,14 @@ def test_it_stands_while_all_beams_are_lost_and_goes_on_after() -> None:
 
 
 @pytest.mark.parametrize("name", ["ocpb", "bug2"])
-def test_too_close_to_turn_it_backs_out_first_and_says_so(name: str) -> None:
+def test_too_close_to_turn_it_drives_out_first_and_says_so(name: str) -> None:
     """It starts 3 cm beside a wall and 1 cm before another, the goal to its right; contact is checked exactly."""
     world = room((0.4, 1.6, 1.2, 1.7), (0.74, 1.45, 0.8, 1.7))
     start = SE2(0.62, 1.48, 0.0)
     drives = run(name, world, start, Goal(np.array([0.6, 0.6])), seconds=60)
     assert drives.status == "success", drives.reason
     notes = [trace["bug"].message for trace in drives.traces if "bug" in trace]
-    assert notes[0] == "too close to turn: backing out"
+    assert notes[0] == "too close to turn: driving to where there is room"
     assert drives.twists[np.flatnonzero([twist != Twist() for twist in drives.twists])[0]].v < 0.0
 
 
