@@ -56,7 +56,7 @@ from robocar.planners.controllers.trajectory_costs import (
 )
 from robocar.planners.costmap import layered as layered
 from robocar.planners.costmap.layered import safe_cost
-from robocar.planners.geometry.outlines import CostmapView, Outlines
+from robocar.planners.geometry.outlines import CostmapView
 from robocar.planners.tracking.moving_obstacles import MovingObstacles, met, near
 
 _DODGE = 0.8  # [s] of an arc after which the car may also stop
@@ -142,7 +142,7 @@ class DynamicWindow:
         self._steering = Steering(robot, control_period, steering or SteeringParameters())
         self._footprint, self._inflation = robot.footprint, inflation
         self._steps = max(1, round(p.sim_time / p.sim_granularity))
-        self._outlines = Outlines(robot.footprint, self._steering.parameters.footprint_padding)
+        self._outlines = self._steering.outlines(robot.footprint)
         self._follower = PathFollower()
         self._movers = MovingObstacles(robot)
         self._drawn_at = -math.inf

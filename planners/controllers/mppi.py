@@ -50,7 +50,7 @@ from robocar.planners.controllers.trajectory_costs import (
 )
 from robocar.planners.costmap import layered as layered
 from robocar.planners.costmap.layered import safe_cost
-from robocar.planners.geometry.outlines import CostmapView, Outlines
+from robocar.planners.geometry.outlines import CostmapView
 from robocar.planners.tracking.moving_obstacles import MovingObstacles, near
 
 _CREEP = 0.01  # [m/s, rad/s]
@@ -126,7 +126,7 @@ class MPPI:
         self.parameters = parameters or MppiParameters()
         self._steering = Steering(robot, control_period, steering or SteeringParameters())
         self._footprint, self._inflation, self._dt = robot.footprint, inflation, control_period
-        self._outlines = Outlines(robot.footprint, self._steering.parameters.footprint_padding)
+        self._outlines = self._steering.outlines(robot.footprint)
         self._follower = PathFollower()
         self._movers = MovingObstacles(robot)
         self._rng = rng

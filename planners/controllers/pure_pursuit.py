@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robocar.core import SE2, Belief, Context, Costmap, Drive, Goal, Observation, Path, Points, Robot, State, Text, Twist
+from robocar.core import SE2, Belief, Context, Costmap, Drive, GiveUp, Goal, Observation, Path, Points, Robot, State, Text, Twist
 from robocar.core.compiling import trial_robot, warm_up
 from robocar.core.trace import Drawable
 from robocar.planners.geometry.escape import CELLS, Escape
-from robocar.planners.geometry.outlines import CostmapView, Outlines
+from robocar.planners.geometry.outlines import SLIP, CostmapView, Outlines
 from robocar.planners.geometry.polyline import nearest_on_path, point_ahead
 from robocar.planners.geometry.surfaces import REACH, surfaces
 
@@ -26,6 +26,9 @@ STOPPING_SHARE = 0.5
 
 _TOUCHING = 1e-3  # [m] an arc that is free no farther is blocked
 _ALIGNED = 0.05  # [rad] less is not worth turning for
+_STRIDE = 0.01  # [m] no corner goes farther in a control period where there is no room but for slip
+_PATIENCE = 10.0  # [s] without getting `_AWAY` from where it was first blocked, after which it is too tight there
+_AWAY = 0.3  # [m]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +45,8 @@ class PurePursuitParameters:
         proximity_slowdown: share of the speed that is lost where costs are highest.
         approach_deceleration: towards the goal [m/s^2].
         min_approach_linear_velocity: the slowest it drives up to the goal [m/s].
-        footprint_padding: kept free around the outline where there is room for it [m].
+        footprint_padding: kept free around the outline where there is room for it, else `outlines.SLIP` [m].
+        cautious_vel: of any corner, at most, where there is not [m/s].
     """
 
     desired_linear_vel: float = 0.4
@@ -56,6 +60,7 @@ class PurePursuitParameters:
     approach_deceleration: float = 0.4
     min_approach_linear_velocity: float = 0.05
     footprint_padding: float = 0.01
+    cautious_vel: float = 0.12
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
@@ -86,28 +91,46 @@ class PurePursuit:
     def __init__(self, robot: Robot, control_period: float, parameters: PurePursuitParameters | None = None) -> None:
         self.parameters = parameters or PurePursuitParameters()
         self._limits, self._dt = robot.limits, control_period
-        self._outlines = Outlines(robot.footprint, self.parameters.footprint_padding)
+        p = self.parameters
+        self._outlines = Outlines(
+            robot.footprint, p.footprint_padding, min(p.desired_linear_vel, robot.limits.max_vel_x) * control_period
+        )
+        self._cautious_vel = min(p.cautious_vel, _STRIDE / control_period)
         self._last = Twist()
         self._path: Path | None = None
         self._points = np.empty((0, 2))
         self._segment = 0
         self._held_up = False  # where it was to drive, braking would end in an obstacle
         self._escape = Escape(robot, self.parameters.footprint_padding, CELLS)
+        self._blocked = False
+        self._blocked_at: tuple[SE2, float] | None = None
         _warm_up()
 
-    def command(self, state: State, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal) -> Drive:
+    def command(
+        self, state: State, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal
+    ) -> Drive | GiveUp:
+        """`drive`, or `GiveUp` (`stuck`) where the way has been blocked at one place for `_PATIENCE`: it is too tight."""
+        drive = self.drive(state, path, costmap, observation, goal)
+        pose, time = state.belief.pose, observation.time
+        if self._blocked_at is not None and self._blocked_at[0].distance_to(pose) > _AWAY:
+            self._blocked_at = None
+        if self._blocked:
+            at, since = self._blocked_at = self._blocked_at or (pose, time)
+            if time - since > _PATIENCE:
+                self._blocked_at = None
+                where = f"too tight at ({at.x:.2f}, {at.y:.2f})"
+                return GiveUp(f"{where}: no way on that leaves {1e3 * SLIP:g} mm beside the outline", "stuck")
+        return drive
+
+    def drive(self, state: State, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal) -> Drive:
         """The twist for the next control period.
 
         Args:
             path: to follow; None is the straight way to the goal.
             costmap: obstacles; None is a world without.
         """
-        pose = state.belief.pose
-        if (
-            self._escape.running
-            and (escaping := self._escape.command(pose, surfaces(costmap, pose, REACH), self._dt)) is not None
-        ):
-            self._last = escaping.twist
+        pose, self._blocked = state.belief.pose, False
+        if self._escape.running and (escaping := self._escaping(costmap, pose)) is not None:
             return escaping
         views = self._outlines.views(costmap, pose)
         if math.hypot(goal.position[0] - pose.x, goal.position[1] - pose.y) <= STOPPING_SHARE * goal.xy_goal_tolerance:
@@ -194,6 +217,7 @@ class PurePursuit:
 
     def _get_out(self, costmap: Costmap | None, pose: SE2, trace: dict[str, Drawable]) -> Drive:
         """Out of where the car can neither go on nor turn: it stops, and then drives to where it has more room."""
+        self._blocked = True
         if self._last == Twist() and self._escape.begin(pose, surfaces(costmap, pose, REACH)):
             escaping = self._escaping(costmap, pose)
             if escaping is not None:
@@ -222,6 +246,9 @@ class PurePursuit:
         """The wanted twist within the accelerations, unless braking from it would end in an obstacle: then the car stops at once,
         and if it stands already, it gets out."""
         limits, dt, last = self._limits, self._dt, self._last
+        if not view.roomy:  # slip is a share of the way
+            share = min(1.0, self._cautious_vel / max(abs(v) + view.reach * abs(omega), 1e-9))
+            v, omega = share * v, share * omega
         v = min(max(v, last.v - limits.acc_lim_x * dt), last.v + limits.acc_lim_x * dt)
         omega = min(max(omega, last.omega - limits.acc_lim_theta * dt), last.omega + limits.acc_lim_theta * dt)
         if abs(v) > 1e-6:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from robocar.core import SE2, Command, Drive, GiveUp, Goal, Robot, Trace, Twist
+from robocar.core import SE2, Command, Drive, Footprint, GiveUp, Goal, Robot, Trace, Twist
 from robocar.planners.controllers.pure_pursuit import STOPPING_SHARE
-from robocar.planners.geometry.outlines import CostmapView
+from robocar.planners.geometry.outlines import SLIP, CostmapView, Outlines
 
 SLOWEST = 0.05  # [m/s] it drives up to the goal
 _HURRY = 2.0  # times the cautious speed
@@ -65,6 +65,10 @@ class Steering:
         self._turning = False
         self._stuck_since: float | None = None
 
+    def outlines(self, footprint: Footprint) -> Outlines:
+        """What is kept free."""
+        return Outlines(footprint, self.parameters.footprint_padding, self.fastest * self._dt)
+
     def resume(self, time: float) -> bool:
         """Called at each tick; returns whether somebody else has driven since the last one: the car stands then."""
         interrupted = time - self._time > 1.5 * self._dt
@@ -120,7 +124,10 @@ class Steering:
             self._stuck_since = time
         if time - self._stuck_since >= self.parameters.failure_tolerance:
             self._stuck_since = None
-            return GiveUp("no admissible velocity: everything in reach collides", "stuck")
+            return GiveUp(
+                f"no admissible velocity: everything in reach collides, or comes nearer than {1e3 * SLIP:g} mm (too tight)",
+                "stuck",
+            )
         return self.drive(0.0, 0.0)
 
     def _turning_speed(self, angle: float) -> float:

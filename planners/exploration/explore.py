@@ -174,7 +174,7 @@ class Explore:
             known = float(np.count_nonzero(~grid.unknown)) * grid.resolution**2
             return Done(f"explored: {known:.1f} m^2 are known, no frontier is left to go to", trace=trace, work=work)
         seen = self._closed if self._closed is not None and self._stands_free(self._closed, pose) else self._local
-        command = self._follower.command(state, self._errand.path, seen, observation, self._errand.goal)
+        command = self._follower.drive(state, self._errand.path, seen, observation, self._errand.goal)
         return replace(command, trace={**command.trace, **trace}, work=work) if trace else command
 
     # -- when to think again ----------------------------------------------------------------------------------------------

@@ -18,6 +18,7 @@ from robocar.core import (
     Context,
     Costmap,
     Drive,
+    GiveUp,
     Goal,
     Lines,
     NoPathFound,
@@ -74,7 +75,9 @@ class HarmonicLocal:
         self._potential: Potential | None = None
         self._known: tuple[Path | None, Goal, SE2, tuple[int, int]] | None = None
 
-    def command(self, state: State, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal) -> Drive:
+    def command(
+        self, state: State, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal
+    ) -> Drive | GiveUp:
         """The twist for the next control period.
 
         Args:

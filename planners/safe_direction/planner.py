@@ -198,7 +198,7 @@ class SafeDirection:
         """Pure pursuit of the straight way to the target, slow enough for what may come the other way."""
         pose, costmap = state.belief.pose, self._costmap(seen)
         path = Path(np.stack([pose.position, target]))
-        drive = self.pursuit.command(state, path, costmap, observation, goal)
+        drive = self.pursuit.drive(state, path, costmap, observation, goal)
         slowed = self.movers.slowed(drive.twist, seen, pose)
         return self._dodging(drive, slowed, seen, pose, shown)
 
@@ -206,7 +206,7 @@ class SafeDirection:
         """Turns on the spot."""
         pose = state.belief.pose
         goal, costmap = Goal(pose.position, heading, yaw_goal_tolerance=0.1), self._costmap(seen)
-        drive = self.pursuit.command(state, None, costmap, observation, goal)
+        drive = self.pursuit.drive(state, None, costmap, observation, goal)
         return self._dodging(drive, drive.twist, seen, pose, shown)
 
     def _dodging(self, wanted: Drive, twist: Twist, seen: Readings, pose: SE2, shown: Makers) -> Drive:

@@ -55,6 +55,15 @@ class Footprint:
         outer = radius / np.cos(np.pi / corners)
         return cls(outer * np.stack([np.cos(angles), np.sin(angles)], axis=1))
 
+    def padded(self, margin: float) -> Footprint:
+        """The outline with each edge moved outwards by `margin` >= 0 [m]: its distance from what is outside, not a scale."""
+        edges = np.roll(self.vertices, -1, axis=0) - self.vertices
+        normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1) / np.linalg.norm(edges, axis=1)[:, None]
+        before = np.roll(normals, 1, axis=0)  # of the edge that ends at the corner
+        # The corner moves by what lies `margin` along both normals: margin (n + m) / (1 + n m).
+        shift = (normals + before) / (1.0 + np.sum(normals * before, axis=1))[:, None]
+        return Footprint(self.vertices + margin * shift)
+
     def at(self, world_from_robot: SE2) -> Array:
         """Corners in the world, (n, 2) [m]."""
         return world_from_robot.transform(self.vertices)

@@ -24,9 +24,8 @@ LENGTHS = st.floats(-2.0, 2.0).filter(lambda length: abs(length) > 1e-4)
 
 
 def view_of(costmap: Costmap, pose: SE2, outline: np.ndarray) -> CostmapView:
-    at = costmap.origin.inverse() @ pose
-    r = costmap.resolution
-    return CostmapView(costmap.data, r, at.x / r, at.y / r, at.theta, outline / r, walled=costmap.walled)
+    at, r, reach = costmap.origin.inverse() @ pose, costmap.resolution, float(np.linalg.norm(outline, axis=1).max())
+    return CostmapView(costmap.data, r, at.x / r, at.y / r, at.theta, outline / r, reach, walled=costmap.walled)
 
 
 @settings(max_examples=300, deadline=None)
@@ -35,12 +34,12 @@ def test_what_is_free_is_exactly_what_was_asked_for(
     resolution: float, length: float, curvature: float, period: float, speed: float
 ) -> None:
     """Metres to cells and back lose a bit, so a caller that compares would be told now and then that the way is shorter."""
-    view = CostmapView(np.zeros((3, 3), dtype=np.uint8), resolution, 1.5, 1.5, 0.3, car().footprint.vertices / resolution)
+    view = CostmapView(np.zeros((3, 3), dtype=np.uint8), resolution, 1.5, 1.5, 0.3, car().footprint.vertices / resolution, 0.15)
     assert view.free_arc(curvature, length)[0] == abs(length)
     braking = speed * period + speed**2 / 1.6
     assert view.free_arc(curvature, braking)[0] >= braking
     wall = np.full((3, 3), LETHAL, dtype=np.uint8)
-    blocked = CostmapView(wall, resolution, 1.5, 1.5, 0.3, car().footprint.vertices / resolution)
+    blocked = CostmapView(wall, resolution, 1.5, 1.5, 0.3, car().footprint.vertices / resolution, 0.15)
     assert blocked.free_arc(curvature, length)[0] == 0.0
 
 

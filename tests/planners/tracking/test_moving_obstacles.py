@@ -21,7 +21,7 @@ from tests.planners.beams import PERIOD, Disc, drive, laser_car, scan_of
 from tests.planners.kinematic import context
 
 OPEN = OccupancyGrid(np.zeros((160, 160), dtype=np.int8), 0.05)
-NOWHERE = CostmapView(np.zeros((1, 1), dtype=np.uint8), 1.0, 0.0, 0.0, 0.0, None)  # in which discs are given in metres
+NOWHERE = CostmapView(np.zeros((1, 1), dtype=np.uint8), 1.0, 0.0, 0.0, 0.0, None, 0.0)  # in which discs are given in metres
 
 
 class Turning(Disc):
@@ -133,7 +133,7 @@ def test_scans_of_any_sort_give_finite_discs(seed: int) -> None:
 def test_near_is_within_one_and_a_half_rooms() -> None:
     discs = np.array([[1.0, 0.0, 0.0, 0.0, 0.4]])
     for x, expected in ((0.39, False), (0.41, True), (0.9, True), (1.59, True), (1.61, False)):
-        assert near(discs, CostmapView(NOWHERE.costs, 1.0, x, 0.0, 0.0, None)) == expected
+        assert near(discs, CostmapView(NOWHERE.costs, 1.0, x, 0.0, 0.0, None, 0.0)) == expected
 
 
 AISLE = np.zeros((160, 160), dtype=np.int8)
