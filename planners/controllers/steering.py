@@ -11,6 +11,8 @@ from robocar.planners.geometry.outlines import SLIP, CostmapView, Outlines
 
 SLOWEST = 0.05  # [m/s] it drives up to the goal
 _HURRY = 2.0  # times the cautious speed
+_STANDING = 0.01  # [m/s] slower is no driving
+_PATIENCE = 1.0  # [s] to stand where the path leads away and no turn is free
 _ALIGNED = 0.2  # [rad] to the path, where a turn towards it ends
 
 
@@ -63,6 +65,7 @@ class Steering:
         self.last = Twist()
         self._time = -math.inf
         self._turning = False
+        self._stands_since = -math.inf
         self._stuck_since: float | None = None
 
     def outlines(self, footprint: Footprint) -> Outlines:
@@ -73,7 +76,7 @@ class Steering:
         """Called at each tick; returns whether somebody else has driven since the last one: the car stands then."""
         interrupted = time - self._time > 1.5 * self._dt
         if interrupted:
-            self.last, self._stuck_since = Twist(), None
+            self.last, self._stuck_since, self._stands_since = Twist(), None, time
         self._time = time
         return interrupted
 
@@ -97,15 +100,22 @@ class Steering:
                 return self.drive(0.0, self._turning_speed(angle))
         return self.drive(0.0, 0.0)
 
-    def to_path(self, views: list[CostmapView], bearing: float) -> Drive | None:
-        """A turn on the spot towards a path that leads away [rad], if there is room for it; else None."""
+    def to_path(self, views: list[CostmapView], bearing: float) -> Command | None:
+        """A turn on the spot towards a path that leads away [rad], if there is room for it; else None, and after the car has stood
+        for `_PATIENCE`, `GiveUp` (`stuck`)."""
         self._turning = abs(bearing) > (_ALIGNED if self._turning else self.parameters.rotate_to_heading_min_angle)
         if self._turning:
             for view in views:
                 for angle in (bearing, bearing - math.copysign(math.tau, bearing)):
                     if view.free_turn(angle):
+                        self._stands_since = self._time
                         return self.drive(0.0, self._turning_speed(angle))
-        return None
+        if not self._turning or abs(self.last.v) > _STANDING:
+            self._stands_since = self._time
+        if self._time - self._stands_since < _PATIENCE:
+            return None
+        self._stands_since = self._time
+        return GiveUp("no room to turn to the path", "stuck")
 
     def highest_speed(self, view: CostmapView, left: float, hurry: bool = False) -> float:
         """The speed from which braking at `approach_deceleration` ends at the goal, `left` metres away; slow in tight places,

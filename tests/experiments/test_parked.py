@@ -32,9 +32,9 @@ def beside_a_wall(folder: Path, gap: float, heading: float = 0.0) -> tuple[Parke
 @pytest.mark.parametrize(("gap", "heading"), [(0.008, 0.0), (0.03, math.pi)])
 def test_every_navigator_leaves_the_wall(name: str, gap: float, heading: float, tmp_path: Path) -> None:
     case, scenario = beside_a_wall(tmp_path, gap, heading)
-    mapper = {"mapper": "laser"} if name == "explore" else {}
+    mapper = "laser" if name == "explore" else None
     limit = {"time_limit": 25.0} if name == "explore" else {}
-    result = run(scenario | limit, navigator=name, estimator="truth", seed=1, record=False, **mapper)
+    result = run(scenario | limit, navigator=name, estimator="truth", seed=1, record=False, mapper=mapper)
     assert left(case, result), f"{result.status}: {result.reason}"
     assert (result.value("min_clearance") or 0.0) >= 0.001
 
