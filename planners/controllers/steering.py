@@ -101,8 +101,8 @@ class Steering:
         return self.drive(0.0, 0.0)
 
     def to_path(self, views: list[CostmapView], bearing: float) -> Command | None:
-        """A turn on the spot towards a path that leads away [rad], if there is room for it; else None, and after the car has stood
-        for `_PATIENCE`, `GiveUp` (`stuck`)."""
+        """A turn on the spot towards a path that leads away [rad], if there is room for it; else None, or `GiveUp` (`stuck`) once
+        the car has stood for `_PATIENCE`."""
         self._turning = abs(bearing) > (_ALIGNED if self._turning else self.parameters.rotate_to_heading_min_angle)
         if self._turning:
             for view in views:
