@@ -44,7 +44,7 @@ def drive(name: str, folder: Path, millimetres: int = 50, period: float = 0.05) 
         "time_limit": 300.0,
         "robot": {"lidar": "scan360", "physics": {"control_period": period}},
     }
-    return robocar.run(scenario, navigator=name)
+    return robocar.run(scenario, navigator=name, estimator="truth")
 
 
 def alike(results: list[RunResult]) -> None:
@@ -85,7 +85,7 @@ def beside_the_border(name: str, folder: Path, drawn: bool) -> RunResult:
         "time_limit": 60.0,
         "robot": {"lidar": "scan360"},
     }
-    return robocar.run(scenario, navigator=name)
+    return robocar.run(scenario, navigator=name, estimator="truth")
 
 
 @pytest.mark.parametrize(
