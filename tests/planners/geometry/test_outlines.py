@@ -9,13 +9,28 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robocar.core import LETHAL, OCCUPIED, SE2, Costmap, Footprint, Observation, OccupancyGrid, Scan
+from robocar.core import (
+    LETHAL,
+    OCCUPIED,
+    SE2,
+    Belief,
+    Costmap,
+    Footprint,
+    GiveUp,
+    Goal,
+    Observation,
+    OccupancyGrid,
+    Path,
+    Scan,
+    State,
+)  # fmt: skip
 from robocar.core.distance import ClearanceField
+from robocar.planners.controllers.pure_pursuit import PurePursuit
 from robocar.planners.costmap.layered import CostmapParameters, LayeredCostmap
 from robocar.planners.costmap.rolling import RollingCostmap, RollingCostmapParameters
 from robocar.planners.geometry.collision import footprint_free
 from robocar.planners.geometry.line_of_sight import segment_cost
-from robocar.planners.geometry.outlines import CostmapView, Outlines
+from robocar.planners.geometry.outlines import SLIP, CostmapView, Outlines
 from robocar.planners.search.obstacle_memory import ObstacleMemory
 from tests.planners.kinematic import car
 
@@ -52,7 +67,7 @@ def walled_and_drawn(rng: np.random.Generator) -> tuple[OccupancyGrid, Occupancy
     return OccupancyGrid(data, resolution, origin), OccupancyGrid(ring, resolution, origin @ SE2(-resolution, -resolution))
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_the_border_of_a_known_map_is_the_wall_that_physics_builds_there(seed: int) -> None:
     """The outline, arcs, turns, lines of sight and costs: all as if the wall were drawn; so does `ClearanceField` on the ring."""
@@ -112,3 +127,75 @@ def test_at_the_border_of_the_prior_map_the_window_has_its_wall() -> None:
         layer.update(pose, Observation(0.0), map_from_odom)
         free = Outlines(robot.footprint, 0.0).views(layer.costmap(), pose)[0].free_arc(0.0, 3.0)[0]
         assert 0.3 <= free <= 0.4 + 1e-9  # the nose is 0.1 m ahead; turned cells reach 0.04 m out of the wall
+
+
+def distance_to_edges(polygon: np.ndarray, point: np.ndarray) -> float:
+    """From a point inside a convex polygon to its nearest edge."""
+    a, b = polygon, np.roll(polygon, -1, axis=0)
+    edges = b - a
+    away = edges[:, 0] * (point - a)[:, 1] - edges[:, 1] * (point - a)[:, 0]
+    return float((away / np.linalg.norm(edges, axis=1)).min())
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(3, 9), st.floats(0.0, 0.1), st.integers(0, 2**32 - 1))
+def test_padding_is_a_distance_to_the_edges(corners: int, margin: float, seed: int) -> None:
+    """Not a scale: every corner of the outline is `margin` off the padded one, and every edge of it is."""
+    rng = np.random.default_rng(seed)
+    angles = (np.arange(corners) + rng.uniform(-0.2, 0.2, corners)) * math.tau / corners
+    footprint = Footprint(np.stack([0.3 * np.cos(angles), 0.1 * np.sin(angles)], axis=1))
+    padded = footprint.padded(margin)
+    gaps = [distance_to_edges(padded.vertices, corner) for corner in footprint.vertices]
+    np.testing.assert_allclose(gaps, margin, atol=1e-12)
+    np.testing.assert_allclose(padded.inscribed_radius, footprint.inscribed_radius + margin, atol=1e-12)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_the_tightest_outline_keeps_off_by_slip(seed: int) -> None:
+    """Oracle: exact distances along the arc, sampled finely. Where the robot stands nearer than that already, it comes no nearer
+    than a quarter of `SLIP`."""
+    rng = np.random.default_rng(seed)
+    data = np.where(rng.random((40, 40)) < 0.03, OCCUPIED, 0).astype(np.int8)
+    grid, robot = OccupancyGrid(data, 0.05), car()
+    walls = ClearanceField(grid, grid.occupied)
+    costmap = Costmap(np.where(grid.occupied, np.uint8(LETHAL), np.uint8(0)), 0.05)
+    for _ in range(8):
+        pose = SE2(*rng.uniform(0.5, 1.5, 2), rng.uniform(-3, 3))
+        here = walls.footprint(pose.transform(robot.footprint.vertices))
+        view = Outlines(robot.footprint, 0.01).views(costmap, pose)[-1]
+        curvature, length = float(rng.uniform(-6, 6)), float(rng.uniform(0.05, 0.5))
+        free = view.free_arc(curvature, length)[0]
+        least = here
+        for s in np.linspace(0.0, free, 60):
+            turn = curvature * s
+            chord = s * np.sinc(turn / math.tau)
+            at = pose @ SE2(chord * math.cos(turn / 2), chord * math.sin(turn / 2), turn)
+            least = min(least, walls.footprint(at.transform(robot.footprint.vertices)))
+        promised = SLIP if here >= SLIP * math.sqrt(2.0) else here / math.sqrt(2.0) - 0.25 * SLIP
+        assert here == 0.0 or least >= promised - 0.002
+
+
+def test_too_tight_is_said_and_nothing_is_touched() -> None:
+    """A corridor of a few millimetres more than the outline is wide: the robot does not drive into it."""
+    costs = np.zeros((200, 400), dtype=np.uint8)
+    robot, r = car(), 0.005
+    half = round((robot.footprint.inscribed_radius + 0.4 * SLIP) / r)
+    costs[:, 200:240] = LETHAL
+    costs[100 - half : 100 + half, 200:240] = 0
+    costmap, follower, pose = Costmap(costs, r), PurePursuit(robot, 0.05), SE2(0.5, 0.5, 0.0)
+    path = Path(np.array([[0.5, 0.5], [1.8, 0.5]]))
+    said = None
+    for tick in range(1200):
+        command = follower.command(
+            State.of(Belief(pose)), path, costmap, Observation(0.05 * tick), Goal(np.array([1.8, 0.5]), None, 0.1)
+        )
+        if isinstance(command, GiveUp):
+            said = command
+            break
+        v, omega = command.twist.v, command.twist.omega
+        pose = pose @ SE2(0.05 * v, 0.0, 0.05 * omega)
+        assert pose.x + 0.11 < 1.0  # the posts' face
+    assert said is not None
+    assert said.status == "stuck"
+    assert "too tight" in said.reason
