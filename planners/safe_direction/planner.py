@@ -122,7 +122,7 @@ class SafeDirection:
         decision = self.directions.decide(self.movers.swept(seen), pose.theta, goal.position, bound)
         self.progress.carry(decision, observation.time)
         self._decisions += 1
-        trouble = self.progress.trouble(pose, seen, decision, observation.time, goal)
+        trouble = self.progress.trouble(pose, seen, decision, observation.time, goal, len(self.movers.edges) > 0)
         if isinstance(trouble, Drive):
             return self._dodging(trouble, trouble.twist, seen, pose, {})
         if trouble is not None:
