@@ -57,7 +57,7 @@ from robocar.planners.controllers.trajectory_costs import (
 from robocar.planners.costmap import layered as layered
 from robocar.planners.costmap.layered import safe_cost
 from robocar.planners.geometry.outlines import CostmapView
-from robocar.planners.tracking.moving_obstacles import MovingObstacles, met, near
+from robocar.planners.tracking.moving_obstacles import STAY, MovingObstacles, met
 
 _DODGE = 0.8  # [s] of an arc after which the car may also stop
 DRAWN, CORNERS = 40, 6  # candidates in the recording, and points of each
@@ -142,7 +142,9 @@ class DynamicWindow:
         self._steering = Steering(robot, control_period, steering or SteeringParameters())
         self._footprint, self._inflation = robot.footprint, inflation
         self._steps = max(1, round(p.sim_time / p.sim_granularity))
-        self._outlines = self._steering.outlines(robot.footprint)
+        soon = min(self._steps, max(1, round(p.window / p.sim_granularity)))
+        self._horizon = RolloutHorizon(p.sim_granularity, self._steps, soon, NEVER)
+        self._outlines = self._steering.outlines
         self._follower = PathFollower()
         self._movers = MovingObstacles(robot)
         self._drawn_at = -math.inf
@@ -194,8 +196,8 @@ class DynamicWindow:
     def _window(self, local: LocalPath, view: CostmapView, movers: Array) -> Array:
         """The twists of V_s and V_d, (vx_samples * vtheta_samples, 2) [cells/s, rad/s]."""
         p, limits, last = self.parameters, self._steering.limits, self._steering.last
-        reverse, hurry = len(movers) > 0, near(movers, view)
-        fastest = self._steering.highest_speed(view, local.left * view.resolution, hurry)
+        reverse = len(movers) > 0
+        fastest = self._steering.highest_speed(view, local.left * view.resolution, movers)
         v_reach, w_reach = limits.acc_lim_x * p.window, limits.acc_lim_theta * p.window
         slowest = min(0.0, limits.min_vel_x) if reverse else 0.0
         low_v, high_v = max(slowest, last.v - v_reach), min(fastest, last.v + v_reach)
@@ -215,16 +217,22 @@ class DynamicWindow:
         """Costs of all samples (n,), smaller is better, inf where not admissible.
 
         Among movers the car may also drive on for `_DODGE` only and then stop: beside them in an aisle there is no room for a
-        whole arc.
+        whole arc. And who backs away from what comes goes on doing so, and does not stop for it to run into him: without that,
+        the only way out seems to lead forward past it.
         """
-        scores = self._score(view, local, samples, movers)
+        scores = self._score(view, local, samples, movers, self._horizon)
         if len(movers) > 0:
             brake = max(1, round(_DODGE / self.parameters.sim_granularity))
-            scores = np.minimum(scores, self._score(view, local, samples, movers, brake))
+            scores = np.minimum(scores, self._score(view, local, samples, movers, self._horizon._replace(brake=brake)))
+            backwards = samples[:, 0] < 0.0
+            if backwards.any():
+                on = self._horizon._replace(steps=self._steps + round(STAY / self.parameters.sim_granularity), stay=0.0)
+                retreats = self._score(view, local, samples[backwards], movers, on)
+                scores[backwards] = np.minimum(scores[backwards], retreats)
         return scores
 
-    def _score(self, view: CostmapView, local: LocalPath, samples: Array, movers: Array, brake: int = NEVER) -> Array:
-        """The costs if the car brakes from step `brake` on."""
+    def _score(self, view: CostmapView, local: LocalPath, samples: Array, movers: Array, horizon: RolloutHorizon) -> Array:
+        """The costs of all samples, driven so far."""
         p, r = self.parameters, view.resolution
         distance = math.hypot(local.goal[0] - view.x, local.goal[1] - view.y) * r
         # Close to the goal the car's centre itself is to arrive.
@@ -233,8 +241,6 @@ class DynamicWindow:
         safe = 0.0 if self._inflation is None else safe_cost(self._inflation, self._footprint, r)
         fastest, limits = self._steering.fastest, self._steering.limits
         body = RobotBody(outline, self._footprint.circumscribed_radius / r, safe, view.walled)
-        soon = min(self._steps, max(1, round(p.window / p.sim_granularity)))
-        horizon = RolloutHorizon(p.sim_granularity, self._steps, soon, brake)
         aim = RolloutAim(local.points, local.goal, forward / r)
         terms = rollouts(view.costs, self._start(view), self._accelerations(view), samples, body, aim, horizon, movers)
         v, w = samples[:, 0] * r, np.abs(samples[:, 1])

@@ -51,7 +51,7 @@ from robocar.planners.controllers.trajectory_costs import (
 from robocar.planners.costmap import layered as layered
 from robocar.planners.costmap.layered import safe_cost
 from robocar.planners.geometry.outlines import CostmapView
-from robocar.planners.tracking.moving_obstacles import MovingObstacles, near
+from robocar.planners.tracking.moving_obstacles import MovingObstacles
 
 _CREEP = 0.01  # [m/s, rad/s]
 _FAR_WORSE = 5.0  # of costs: more than what trajectories differ by that touch nothing and meet nobody
@@ -126,7 +126,7 @@ class MPPI:
         self.parameters = parameters or MppiParameters()
         self._steering = Steering(robot, control_period, steering or SteeringParameters())
         self._footprint, self._inflation, self._dt = robot.footprint, inflation, control_period
-        self._outlines = self._steering.outlines(robot.footprint)
+        self._outlines = self._steering.outlines
         self._follower = PathFollower()
         self._movers = MovingObstacles(robot)
         self._rng = rng
@@ -202,7 +202,7 @@ class MPPI:
     def _sample(self, view: CostmapView, local: LocalPath, mean: Array, noise: Array, movers: Array) -> tuple[Array, Array]:
         """`sample_costs` in the view; `mean` (steps, 2) in cells per second."""
         p, r, limits, last = self.parameters, view.resolution, self._steering.limits, self._steering.last
-        fastest = self._steering.highest_speed(view, local.left * r, near(movers, view))
+        fastest = self._steering.highest_speed(view, local.left * r, movers)
         slowest = min(0.0, limits.min_vel_x) if len(movers) else 0.0
         distance = math.hypot(local.goal[0] - view.x, local.goal[1] - view.y) * r
         # Close to the goal the car's centre itself is to arrive.

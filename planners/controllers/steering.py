@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from robocar.core import SE2, Command, Drive, Footprint, GiveUp, Goal, Robot, Trace, Twist
+from robocar.core import SE2, Array, Command, Drive, GiveUp, Goal, Robot, Trace, Twist
 from robocar.planners.controllers.pure_pursuit import STOPPING_SHARE
 from robocar.planners.geometry.outlines import SLIP, CostmapView, Outlines
+from robocar.planners.tracking.moving_obstacles import near, without
 
 SLOWEST = 0.05  # [m/s] it drives up to the goal
 _HURRY = 2.0  # times the cautious speed
@@ -62,15 +63,14 @@ class Steering:
             raise ValueError(f"the robot's min_vel_x {limits.min_vel_x} lies above its max_vel_x {limits.max_vel_x}")
         self.parameters, self.limits, self._dt = parameters, limits, control_period
         self.fastest = min(parameters.max_vel_x, limits.max_vel_x)
+        self.outlines = Outlines(robot.footprint, parameters.footprint_padding, self.fastest * control_period)
+        """What is kept free."""
+        self._radius = robot.footprint.circumscribed_radius
         self.last = Twist()
         self._time = -math.inf
         self._turning = False
         self._stands_since = -math.inf
         self._stuck_since: float | None = None
-
-    def outlines(self, footprint: Footprint) -> Outlines:
-        """What is kept free."""
-        return Outlines(footprint, self.parameters.footprint_padding, self.fastest * self._dt)
 
     def resume(self, time: float) -> bool:
         """Called at each tick; returns whether somebody else has driven since the last one: the car stands then."""
@@ -117,12 +117,23 @@ class Steering:
         self._stands_since = self._time
         return GiveUp("no room to turn to the path", "stuck")
 
-    def highest_speed(self, view: CostmapView, left: float, hurry: bool = False) -> float:
-        """The speed from which braking at `approach_deceleration` ends at the goal, `left` metres away; slow in tight places,
-        less so where it has to `hurry` out of the way of what comes near [m/s]."""
-        cautious = (_HURRY if hurry else 1.0) * self.parameters.cautious_vel
-        fastest = self.fastest if view.roomy else min(self.fastest, cautious)
+    def highest_speed(self, view: CostmapView, left: float, movers: Array) -> float:
+        """The speed from which braking at `approach_deceleration` ends at the goal, `left` metres away [m/s].
+
+        It is slow in tight places, less so where it has to hurry out of the way of `movers` (m, 5). What makes a place tight is
+        what stands there: who slows down because a mover has come close is run into.
+        """
+        fastest = self.fastest
+        if not view.roomy:
+            hurry = near(movers, view)
+            if not hurry or self._tight(view, movers):
+                fastest = min(fastest, (_HURRY if hurry else 1.0) * self.parameters.cautious_vel)
         return min(fastest, max(SLOWEST, math.sqrt(2.0 * self.parameters.approach_deceleration * left)))
+
+    def _tight(self, view: CostmapView, movers: Array) -> bool:
+        """Whether something that stands leaves no room around the outline."""
+        standing = replace(view, costs=without(movers, view, self._radius), outline=self.outlines.roomy / view.resolution)
+        return not standing.free_turn(0.0)
 
     def found(self) -> None:
         """There is a twist to drive."""

@@ -69,12 +69,14 @@ class RolloutHorizon(NamedTuple):
         steps: their number.
         soon: the step after which the heading is compared with the goal's direction.
         brake: the step from which on the robot slows down and stands; `NEVER` for none.
+        stay: how long a trajectory must not be met after its end, where the robot stands [s].
     """
 
     dt: float
     steps: int
     soon: int
     brake: int
+    stay: float = STAY
 
 
 @njit(cache=True)
@@ -139,11 +141,11 @@ def rollouts(
         distance to the goal; distance of the end from the path; way until it ends or collides; angle turned until then [rad];
         angle between the heading after step `soon` and the direction of the goal [rad];
         depth in the room of movers, in the mean over what is looked at, 0 where it keeps out of it (it is taken to stand for
-        `STAY` after its end); and how much closer than now it comes to it before its end, counting the less the later, 0 to 1.
+        `stay` after its end); and how much closer than now it comes to it before its end, counting the less the later, 0 to 1.
     """
     n, dt, steps, goal = len(samples), horizon.dt, horizon.steps, aim.goal
     terms = np.zeros((n, 9))
-    whole = steps * dt + STAY
+    whole = steps * dt + horizon.stay
     close_now = encounter(movers, 0.0, start[0], start[1])[1]
     dv, dw = limits[0] * dt, limits[1] * dt
     for k in range(n):
@@ -178,7 +180,7 @@ def rollouts(
                 dx, dy, c, s = goal[0] - x, goal[1] - y, math.cos(theta), math.sin(theta)
                 terms[k, 6] = abs(math.atan2(c * dy - s * dx, c * dx + s * dy))
         if terms[k, 0] == 0.0:
-            terms[k, 7] += depth_later(movers, steps * dt, STAY, 2.0 * dt, x, y) * 2.0 * dt / whole
+            terms[k, 7] += depth_later(movers, steps * dt, horizon.stay, 2.0 * dt, x, y) * 2.0 * dt / whole
         terms[k, 1] = total / steps
         terms[k, 2] = math.sqrt(nearest)
         terms[k, 3] = path_distance(aim.path, ahead_x, ahead_y)

@@ -119,6 +119,8 @@ class Outlines:
         margins = (max(padding, SLIP, _STRAY * stride), SLIP, *(share * SLIP for share in _CRAMPED), 0.0)
         self._outlines = [np.array(footprint.padded(margin).vertices) for margin in margins]  # (n, 2) [m]
         self._outlines.append(_SLIM * footprint.vertices)
+        self.roomy = self._outlines[0]
+        """(n, 2) [m]"""
         self._reach = footprint.circumscribed_radius
         self._resolution, self._in_cells = 1.0, self._outlines
 

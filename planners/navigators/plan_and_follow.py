@@ -35,6 +35,7 @@ from robocar.core import (
     State,
     Text,
     Trace,
+    declares,
 )
 from robocar.core.compiling import warm_up
 from robocar.core.trace import PLAN_COLOR, LazyTrace, merged, transformed
@@ -48,6 +49,7 @@ from robocar.planners.navigators import recovery as behaviours
 from robocar.planners.navigators.local_frame import LocalFrame
 from robocar.planners.navigators.recovery import Recovery, Watch, standing
 from robocar.planners.search.grid_search import nearest_free
+from robocar.planners.tracking.moving_obstacles import unseen
 
 _SHOW_PERIOD = 1.0  # [s] of the local costmap in the recording
 _GOAL_SHIFT = 0.75  # of the goal's tolerance, the farthest that a blocked goal is moved: the rest is left for arriving
@@ -318,6 +320,7 @@ def plan_and_follow(
     )
 
 
+@declares(avoids_movers=unseen)
 def plan_and_avoid(
     context: Context,
     planner: Callable[[Context], GlobalPlanner],

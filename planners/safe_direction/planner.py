@@ -33,6 +33,7 @@ from robocar.core import (
     State,
     Text,
     Twist,
+    declares,
 )
 from robocar.core.compiling import trial_robot, warm_up
 from robocar.core.trace import Drawable, LazyTrace
@@ -47,6 +48,7 @@ from robocar.planners.safe_direction.progress import SafeDirectionProgress
 from robocar.planners.safe_direction.trace import pictures
 from robocar.planners.safe_direction.view import DirectionPanorama, Readings, sector_of
 from robocar.planners.search.transforms import descend, obstacle_transform
+from robocar.planners.tracking.moving_obstacles import unseen
 
 Makers: TypeAlias = dict[str, Callable[[], Drawable]]
 """Of drawables by name, called when somebody looks."""
@@ -120,7 +122,7 @@ class SafeDirection:
         decision = self.directions.decide(self.movers.swept(seen), pose.theta, goal.position, bound)
         self.progress.carry(decision, observation.time)
         self._decisions += 1
-        trouble = self.progress.trouble(pose, seen, decision, observation.time, goal)
+        trouble = self.progress.trouble(pose, seen, decision, observation.time, goal, len(self.movers.edges) > 0)
         if isinstance(trouble, Drive):
             return self._dodging(trouble, trouble.twist, seen, pose, {})
         if trouble is not None:
@@ -247,11 +249,13 @@ def _warm_up(laser: bool) -> None:
     descend(np.ones((3, 3)), (1, 1))
 
 
+@declares(avoids_movers=unseen)
 def build(context: Context) -> Reactive:
     """The paper's navigator: only what is in sight counts."""
     return _navigator(context, remembers=False)
 
 
+@declares(avoids_movers=unseen)
 def build_with_memory(context: Context) -> Reactive:
     """The variant that remembers the surroundings."""
     return _navigator(context, remembers=True)

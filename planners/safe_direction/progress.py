@@ -70,8 +70,14 @@ class SafeDirectionProgress:
                 kept = u + self._driven >= self._least - DOUBT - DOUBT_SHARE * u
                 self._least = max(self._least, least) if kept else least
 
-    def trouble(self, pose: SE2, seen: Readings, decision: Decision, time: float, goal: Goal) -> Drive | GiveUp | None:
-        """A reason to stand or to give up, if there is one."""
+    def trouble(
+        self, pose: SE2, seen: Readings, decision: Decision, time: float, goal: Goal, moves: bool = False
+    ) -> Drive | GiveUp | None:
+        """A reason to stand or to give up, if there is one.
+
+        Args:
+            moves: whether something moves in sight. It goes away again: what it bars says nothing of what is remembered.
+        """
         x, y = goal.position
         cell = seen.grid.cell_from_world(goal.position)
         buried = bool(seen.grid.contains(cell)) and bool(seen.occupied[tuple(cell)])
@@ -82,7 +88,7 @@ class SafeDirectionProgress:
                 f"going in circles: {self._idle:.1f} m driven without new ground, {apart:.2f} m from the goal; {why}", "stuck"
             )
         if decision.choice is None:
-            return self._no_way(time, goal)
+            return _standing("what moves bars the way: waiting") if moves else self._no_way(time, goal)
         self._waiting_since = None
         # The smallest value is that of the free cell next to a blocked goal.
         if buried and _way(decision) <= float(decision.distance.min()) * seen.grid.resolution + _AS_NEAR:

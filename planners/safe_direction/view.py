@@ -270,13 +270,16 @@ def offset(inner: GridMap, outer: GridMap) -> tuple[int, int]:
 
 
 def leading_edges(before: Readings, now: Readings) -> NDArray[np.int64]:
-    """Cells (n, 2) of `now` as (row, col) with a surface where `before` had seen nothing, off all its surfaces: something
-    has moved there. Both are on the same lattice."""
+    """Cells (n, 2) of `now` as (row, col) with a surface where `before` had seen nothing but free floor, beside it too:
+    something has moved there. Both are on the same lattice.
+
+    Beside what was not seen then may have stood what is seen now: a wall beyond the sensor's reach, say, along which the car
+    drives, and whose face is read a cell too near.
+    """
     cells = np.argwhere(now.occupied)
     then = cells + offset(now.grid, before.grid)
     rows, cols = before.grid.shape
     inside = np.all((then >= 0) & (then < (rows, cols)), axis=1)
     cells, then = cells[inside], then[inside]
-    stood = cv2.dilate(before.occupied.view(np.uint8), np.ones((3, 3), dtype=np.uint8)) > 0
-    new = before.free[then[:, 0], then[:, 1]] & ~stood[then[:, 0], then[:, 1]]
-    return cells[new]
+    empty = cv2.erode(before.free.view(np.uint8), np.ones((3, 3), dtype=np.uint8)) > 0
+    return cells[empty[then[:, 0], then[:, 1]]]

@@ -12,6 +12,7 @@ from collections import deque
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from robocar.core import SE2, Array, Costmap, Observation, Robot, frozen_array
 from robocar.core.compiling import warm_up
@@ -21,6 +22,7 @@ from robocar.planners.tracking.panorama import ScanPanorama
 from robocar.planners.tracking.tracker import Kind, ObstacleTracker, Tracked
 
 _MAX_WIDTH, _MAX_DISTANCE = 0.8, 4.0  # [m] of what is followed: walls do not move
+_LEAST_WIDTH, _LEAST_RANGE = 0.2, 1.5  # [m] what is so wide must be followed from so far
 _ROOM = 0.1  # [m] kept free around them
 _FASTEST = 0.6  # [m/s] what seems to move faster is taken to move so fast: places are rough
 STAY = 2.0
@@ -33,6 +35,29 @@ _CHANGED = 0.12  # [m/s] of difference are another velocity: it turns or stops
 _THREAT = 3.0  # [s] that it may stand
 _SLOW = 0.08  # [m/s] of what has moved before: is no motion
 _WINDOW, _RECENT = 1.05, 0.35  # [s]
+_IMPRINT = 2.0  # [cells] around a disc, where the costmap may still hold its surface
+
+
+def unseen(robot: Robot) -> str:
+    """Why this robot does not show what moves to `MovingObstacles` and `ObstacleTracker`; '' where it does.
+
+    They follow the ends of what stands free. A sonar's cone does not show where an obstacle ends; of a laser's beams two must end
+    on it. What is no faster than the car meets it from the half ahead only.
+    """
+    lidar = robot.lidar
+    if lidar is None:
+        return "it sees with a laser what moves, and the robot has none: fit robot.lidar: scan360 or hokuyo"
+    bearings = np.sort(lidar.bearings + lidar.robot_from_sensor.theta)
+    spacing = float(np.max(np.diff(bearings), initial=0.0))
+    if bearings[0] > -0.5 * math.pi or bearings[-1] < 0.5 * math.pi - spacing:
+        left, right = (math.degrees(edge) for edge in (bearings[-1], -bearings[0]))
+        return f"its laser must look 90 degrees to either side, not {left:.0f} to the left and {right:.0f} to the right"
+    if spacing > (widest := 0.5 * _LEAST_WIDTH / _LEAST_RANGE):
+        found, needed = math.degrees(spacing), math.degrees(widest)
+        return f"its laser's beams must be at most {needed:.1f} degrees apart, not {found:.1f}"
+    if lidar.max_range < _LEAST_RANGE:
+        return f"its laser must reach {_LEAST_RANGE:g} m, not {lidar.max_range:g} m"
+    return ""
 
 
 class MovingObstacles:
@@ -136,6 +161,23 @@ def courses(centres: Array, time: float) -> list[tuple[float, float, float, floa
 def near(discs: Array, view: CostmapView) -> bool:
     """Whether the robot is in the room of one of the discs, or within half of it."""
     return len(discs) > 0 and encounter(discs, 0.0, view.x, view.y)[1] > 0.5
+
+
+def without(discs: Array, view: CostmapView, radius: float) -> NDArray[np.uint8]:
+    """The costs of the view where those that move do not stand in it: what is left is what stands.
+
+    Args:
+        radius: of the robot, which the discs' room holds [m].
+    """
+    costs = view.costs.copy()
+    for x, y, _, _, room in discs:
+        body = room - (radius + _ROOM) / view.resolution + _IMPRINT
+        first_row, first_col = max(0, math.floor(y - body)), max(0, math.floor(x - body))
+        there = costs[first_row : max(0, math.ceil(y + body)), first_col : max(0, math.ceil(x + body))]
+        rows, cols = np.ogrid[first_row : first_row + there.shape[0], first_col : first_col + there.shape[1]]
+        there[np.hypot(cols + 0.5 - x, rows + 0.5 - y) < body] = 0
+    costs.flags.writeable = False
+    return costs
 
 
 @njit(cache=True)

@@ -46,6 +46,7 @@ def check(path: Path, resolution: float | None) -> str:
     if not is_scenario(path):
         return str(check_file(path, resolution))
     from robocar.core import RobocarError
+    from robocar.episode.assembly import check_sight_of_movers
     from robocar.episode.registry import find
     from robocar.scenario.load import load_scenario
     from robocar.scenario.scene import Scene
@@ -54,6 +55,12 @@ def check(path: Path, resolution: float | None) -> str:
     scene = Scene.load(scenario, scenario.robot_model().footprint)
     for kind in ("navigator", "estimator", "mapper"):
         find(kind, getattr(scenario.defaults, kind))  # type: ignore[arg-type]
+    section = scenario.robot
+    robot = scenario.robot_model().describe(section.fit_out, section.sensors)
+    try:
+        check_sight_of_movers(scenario.defaults.navigator, scenario, robot)
+    except RobocarError as error:
+        raise RobocarError(f"{path}: {error}") from error
     try:
         scene.world().compile()
     except ValueError as error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import tyro
 
@@ -37,6 +37,7 @@ def listing(what: str) -> dict[str, str]:
     """Names and one-line summaries."""
     from robocar.cli.experiments import experiment_names
     from robocar.episode import registry
+    from robocar.episode.algorithms import TABLES
     from robocar.scenario.load import find_scenario, load_scenario, scenario_names
 
     if what == "scenarios":
@@ -47,8 +48,20 @@ def listing(what: str) -> dict[str, str]:
         from robocar.regression.suite import find_suite, load_suite, suite_names
 
         return {name: load_suite(find_suite(name)).description for name in suite_names()}
-    entries = registry.names(what[:-1])  # type: ignore[arg-type]
-    return {name: entry.summary + (f" ({entry.paper})" if entry.paper else "") for name, entry in sorted(entries.items())}
+    kind: Any = what[:-1]
+    found = {name: entry.summary + (f" ({entry.paper})" if entry.paper else "") for name, entry in registry.names(kind).items()}
+    if kind == "navigator":
+        ours = TABLES[kind]  # packages of others are not imported for a list
+        found = {name: f"{text}; {among_movers(name)}" if name in ours else text for name, text in found.items()}
+    return dict(sorted(found.items()))
+
+
+def among_movers(navigator: str) -> str:
+    """What a navigator promises where something moves (`robocar.core.capabilities`)."""
+    from robocar.episode import registry
+
+    avoids = registry.capabilities("navigator", navigator).avoids_movers is not None
+    return "avoids movers" if avoids else "movers are obstacles that stand"
 
 
 def first_line(module: Path) -> str:

@@ -7,6 +7,8 @@ from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from types import MappingProxyType
 from typing import Any, TypeVar
 
+from robocar.core.robot import Robot
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -19,6 +21,8 @@ class Capabilities:
         maps: an estimator that gives a whole `State`, map included (SLAM); others give a `Belief`.
         complete: a mapper whose grid shows every obstacle as it is now (`MapView.complete`).
         oracle: an estimator that is given the simulator's truth (`Context.oracle`); without a simulator it cannot be built.
+        avoids_movers: a navigator that promises to keep off what moves: says of a robot why that does not show it what moves,
+            '' where it does. None: it promises nothing, and what moves is to it what stands there now.
         parameters: dataclasses whose fields may be set, by part, `{"": (Mine,), "controller": (DwaParameters,)}`: `""` is the
             algorithm itself. For factories of other packages; ours stand in `robocar/episode/algorithms.py`.
     """
@@ -27,6 +31,7 @@ class Capabilities:
     maps: bool = False
     complete: bool = False
     oracle: bool = False
+    avoids_movers: Callable[[Robot], str] | None = None
     parameters: Mapping[str, tuple[type, ...]] = field(default_factory=dict)
 
 
@@ -40,6 +45,7 @@ def declares(
     maps: bool = False,
     complete: bool = False,
     oracle: bool = False,
+    avoids_movers: Callable[[Robot], str] | None = None,
     parameters: Mapping[str, tuple[type, ...]] = MappingProxyType({}),
 ) -> Callable[[F], F]:
     """A decorator for factories, `@declares(explores=True)`: see `Capabilities`.
@@ -50,7 +56,7 @@ def declares(
     _check(parameters)
 
     def declare(factory: F) -> F:
-        _DECLARED[factory] = Capabilities(explores, maps, complete, oracle, parameters)
+        _DECLARED[factory] = Capabilities(explores, maps, complete, oracle, avoids_movers, parameters)
         return factory
 
     return declare

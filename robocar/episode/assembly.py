@@ -14,6 +14,19 @@ from robocar.episode.registry import build, capabilities
 from robocar.episode.spec import RunSpec
 from robocar.estimation.cascade import Cascade
 from robocar.estimation.odometry.odometry import OdometryEstimator
+from robocar.scenario.model import Scenario
+
+
+def check_sight_of_movers(navigator: str, scenario: Scenario, robot: Robot) -> None:
+    """Whether a navigator that promises to keep off what moves is shown it, where something does.
+
+    Raises:
+        ParameterError: it is not; the message says what it needs.
+    """
+    avoids = capabilities("navigator", navigator).avoids_movers
+    if scenario.movers and avoids is not None and (why := avoids(robot)):
+        movers = f"{len(scenario.movers)} mover{'s' if len(scenario.movers) > 1 else ''}"
+        raise ParameterError(f"navigator {navigator!r} would not see the {movers} of {scenario.name!r} move: {why}")
 
 
 @dataclass(frozen=True)
@@ -59,7 +72,12 @@ class Assembly:
         return capabilities("estimator", self.spec.estimator).oracle
 
     def navigator(self) -> Navigator:
-        """See `registry.build`."""
+        """See `registry.build`.
+
+        Raises:
+            ParameterError: it promises to keep off what moves, something does, and the robot does not show it.
+        """
+        check_sight_of_movers(self.spec.navigator, self.spec.scenario, self.robot)
         return self._part("navigator", self.spec.navigator)
 
     def estimator(self) -> Estimator:

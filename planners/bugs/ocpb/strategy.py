@@ -36,7 +36,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from robocar.core import Array, Arrows, Context, GiveUp, Lines, Points, Text, wrap_angle
+from robocar.core import Array, Arrows, Context, GiveUp, Lines, Points, Text, declares, wrap_angle
 from robocar.core.trace import PLAN_COLOR, Drawable
 from robocar.planners.bugs.bug import build_bug
 from robocar.planners.bugs.ocpb import collision_points, sub_goals
@@ -56,6 +56,7 @@ from robocar.planners.bugs.ocpb.traverse import Traverse
 from robocar.planners.bugs.open_points import OpenPoint, open_point_rows, points_of
 from robocar.planners.bugs.view import ARRIVED, BugParameters, BugView, Move, Stand, To, narrow_gap
 from robocar.planners.navigators.reactive import Reactive
+from robocar.planners.tracking.moving_obstacles import unseen
 from robocar.planners.tracking.panorama import Lookout, ScanPanorama
 from robocar.planners.tracking.tracker import ObstacleTracker
 
@@ -386,6 +387,7 @@ def _array(points: list[Array]) -> Array:
     return np.array(points).reshape(-1, 2)
 
 
+@declares(avoids_movers=unseen)
 def build(context: Context) -> Reactive:
     """The navigator for the context's robot."""
     strategy = OperativeCriticalPointBug(context.parameters_of(OcpbParameters), context.parameters_of(BugParameters))

@@ -74,7 +74,7 @@ def terms(
     costs: NDArray, start: Array, steps: list[Step], body: RobotBody, aim: RolloutAim, horizon: RolloutHorizon, movers: Array
 ) -> list[float]:
     """A row of `rollouts`."""
-    n, whole = horizon.steps, horizon.steps * horizon.dt + STAY
+    n, whole = horizon.steps, horizon.steps * horizon.dt + horizon.stay
     driven = steps[: steps_before_contact(costs, steps, body)]
     collides = len(driven) < n
     ahead = [np.array([s.x + aim.forward * math.cos(s.middle), s.y + aim.forward * math.sin(s.middle)]) for s in driven]
@@ -86,7 +86,9 @@ def terms(
     met = [encounter(movers, (i + 1) * horizon.dt, s.x, s.y) for i, s in enumerate(driven)]
     depth = sum(depth for depth, _ in met) * horizon.dt
     if not collides:  # then it stands there
-        depth += depth_later(movers, n * horizon.dt, STAY, 2.0 * horizon.dt, driven[-1].x, driven[-1].y) * 2.0 * horizon.dt
+        depth += (
+            depth_later(movers, n * horizon.dt, horizon.stay, 2.0 * horizon.dt, driven[-1].x, driven[-1].y) * 2.0 * horizon.dt
+        )
     now = encounter(movers, 0.0, start[0], start[1])[1]
     closer = [close * (1.0 - 0.5 * i / n) - now for i, (_, close) in enumerate(met)]
     return [
@@ -118,7 +120,8 @@ def test_trajectories_cost_what_their_definitions_say(with_movers: bool, corners
         )
         limits, samples = rng.uniform(1.0, 20.0, 2), np.column_stack([rng.uniform(-4.0, 8.0, 6), rng.uniform(-1.5, 1.5, 6)])
         steps = int(rng.integers(1, 25))
-        horizon = RolloutHorizon(0.1, steps, int(rng.integers(1, steps + 1)), int(rng.choice([NEVER, 5])))
+        stay = float(rng.choice([0.0, STAY]))
+        horizon = RolloutHorizon(0.1, steps, int(rng.integers(1, steps + 1)), int(rng.choice([NEVER, 5])), stay)
         aim = RolloutAim(
             rng.uniform(0.0, 50.0, (int(rng.integers(1, 6)), 2)), rng.uniform(0.0, 50.0, 2), float(rng.uniform(0.0, 5.0))
         )

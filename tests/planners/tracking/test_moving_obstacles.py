@@ -9,14 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robocar.core import OCCUPIED, SE2, STOP, Array, Drive, Goal, Observation, OccupancyGrid, State, Twist
+from robocar.core import OCCUPIED, SE2, STOP, Array, Costmap, Drive, Goal, Observation, OccupancyGrid, State, Twist
 from robocar.planners.controllers import dwa, mppi
 from robocar.planners.controllers.dwa import DynamicWindow
 from robocar.planners.controllers.mppi import MPPI
-from robocar.planners.geometry.outlines import CostmapView
+from robocar.planners.controllers.steering import Steering, SteeringParameters
+from robocar.planners.controllers.trajectory_costs import DEPTH, NEVER, RobotBody, RolloutAim, RolloutHorizon, rollouts
+from robocar.planners.geometry.outlines import CostmapView, Outlines
 from robocar.planners.navigators.plan_and_follow import plan_and_avoid
 from robocar.planners.search import a_star
-from robocar.planners.tracking.moving_obstacles import MovingObstacles, courses, depth_later, encounter, met, near
+from robocar.planners.tracking.moving_obstacles import NONE, MovingObstacles, courses, depth_later, encounter, met, near
 from tests.planners.beams import PERIOD, Disc, drive, laser_car, scan_of
 from tests.planners.kinematic import context
 
@@ -163,6 +165,51 @@ def test_a_mover_that_gives_way_to_nobody_is_never_touched(
     )
     assert result.status == "success", result.reason
     assert result.closest > 0.02
+
+
+@pytest.mark.parametrize("local", [dwa, mppi])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_mover_that_turns_back_in_front_of_its_follower_is_never_touched(seed: int, local: ModuleType) -> None:
+    """Oracle: exact distance; in an aisle, behind a disc that drives ahead at about the car's own speed and comes back."""
+    rng, world = np.random.default_rng([21, seed]), OccupancyGrid(AISLE, 0.05)
+    navigator = plan_and_avoid(replace(context(laser_car(), world), control_period=PERIOD), a_star.build, local.build)
+    start = (2.0 + rng.uniform(0.7, 1.1), 4.0 + rng.uniform(-0.05, 0.05))
+    mover = Turning(start, (rng.uniform(0.25, 0.35), 0.0), rng.uniform(0.14, 0.2))
+    result = drive(navigator, world, SE2(2.0, 4.0), Goal(np.array([7.5, 4.0])), movers=[mover], seconds=10.0, seed=seed)
+    assert result.status != "collision", result.reason
+
+
+def test_who_backs_away_need_not_stand_in_the_way_afterwards() -> None:
+    """A disc comes at 0.3 m/s, 0.8 m ahead. To go on backing is counted as what it is: nothing is met in 4 s; who backed for 2 s
+    and stood would be met."""
+    start, limits = np.array([80.0, 80.0, 0.0, -4.0, 0.0]), np.array([16.0, 4.0])
+    discs, back = np.array([[96.0, 80.0, -6.0, 0.0, 7.6]]), np.array([[-4.0, 0.0]])
+    body, aim = RobotBody(np.empty((0, 2)), 2.7, 0.0), RolloutAim(np.array([[100.0, 80.0]]), np.array([100.0, 80.0]), 0.0)
+    costs = np.zeros((160, 160), dtype=np.uint8)
+    costs.flags.writeable = False
+    stands, goes_on = (
+        rollouts(costs, start, limits, back, body, aim, horizon, discs)[0, DEPTH]
+        for horizon in (RolloutHorizon(0.1, 20, 5, NEVER), RolloutHorizon(0.1, 40, 5, NEVER, 0.0))
+    )
+    # Closed form: the gap of 16 cells shrinks by 2 cells a second while it backs, by 6 once it stands; the room is 7.6 cells.
+    assert goes_on == 0.0
+    assert stands > 0.0
+
+
+@pytest.mark.parametrize(("wall", "mover", "expected"), [(False, True, 0.4), (True, True, 0.24), (True, False, 0.12)])
+def test_it_slows_down_beside_what_stands_and_not_beside_what_moves(wall: bool, mover: bool, expected: float) -> None:
+    """A wall, or the imprint of a mover, 1 cm beside the car: where there is no room for the padded outline it drives at
+    `cautious_vel`, twice that where it has to hurry; a mover alone is no reason to be slow."""
+    costs = np.zeros((80, 80), dtype=np.uint8)
+    costs[42, 40:44] = 254 if mover or wall else 0  # 2 cells north of the centre of the car
+    costs[37, :] = 254 if wall else 0
+    costs.flags.writeable = False
+    robot = laser_car()
+    pose, map_ = SE2(2.05, 2.0), Costmap(costs, 0.05)
+    view = Outlines(robot.footprint, 0.02).views(map_, pose)[0]
+    assert not view.roomy
+    discs = np.array([[42.0, 45.5, 0.0, -4.0, (0.17 + 0.1 + robot.footprint.circumscribed_radius) / 0.05]]) if mover else NONE
+    assert Steering(robot, 0.1, SteeringParameters()).highest_speed(view, 10.0, discs) == pytest.approx(expected)
 
 
 class Waits:
