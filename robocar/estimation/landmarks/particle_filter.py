@@ -147,10 +147,13 @@ class ParticleFilter:
         if matches.count == 0:
             return True
         mean = sensor_models.reweigh(self.weights, matches.likelihoods(p.outlier))
+        was_lost = self.lost_share > 0.0
         # Once a picture and not once a sighting: a picture taken while the robot turns is wrong about all that it shows.
         self._explained += p.recovery_alpha_fast * (matches.explained(self.weights) - self._explained)
         # What fits better than expected is not believed longer when it stops to fit.
         self._explained = min(self._explained, EXPECTED_MATCH[p.model].mean)
+        if not was_lost and self.lost_share > 0.0:
+            self._explained = 0.0  # carried off is as not knowing the start: all of the pose is looked for, for some pictures
         return mean > 0.0
 
     def _matches(self, detections: Sequence[Detection]) -> Matches:

@@ -42,9 +42,9 @@ def measured(pose: SE2, mark: int, tail: float, rng: np.random.Generator) -> Det
 @pytest.mark.parametrize("spread", [0.01, 0.05, 0.3])
 @pytest.mark.parametrize("tail", [1.0, 2.5])
 def test_a_right_filter_explains_on_average_what_the_sensor_model_says(model: str, spread: float, tail: float) -> None:
-    """However sure the filter is: truth and particles from one prior, the sighting from the truth (posterior predictive check)."""
+    """However sure the filter is: truth and particles from one prior, one sighting from the truth (posterior predictive)."""
     rng = np.random.default_rng(4)
-    trials, std = 400, np.array([spread, spread, 0.5 * spread])
+    trials, std = 300, np.array([spread, spread, 0.5 * spread])
     values = []
     for trial in range(trials):
         particles = START.as_array() + rng.standard_normal((4000, 3)) * std
@@ -122,9 +122,9 @@ def lost_ticks(filtered, steps: Iterator[tuple[Observation, SE2]]) -> tuple[Arra
     return np.array(lost), np.array(off)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_long_drive_has_no_false_alarm(seed: int) -> None:
-    lost, off = lost_ticks(particle_filter.build(context(START, seed, **count(300), **EXACT)), drive(START, 200.0, seed))
+    lost, off = lost_ticks(particle_filter.build(context(START, seed, **count(300), **EXACT)), drive(START, 150.0, seed))
     assert not lost.any()
     assert off.max() < 0.3
 
@@ -136,8 +136,8 @@ def test_a_kidnapping_is_noticed_at_once_and_ends(seed: int) -> None:
     lost, off = lost_ticks(estimator, drive(START, 50.0, seed, {20.0: there}))
     noticed = np.flatnonzero(lost)
     assert 200 <= noticed[0] <= 235  # one picture in 0.2 s
-    assert noticed[-1] < 300
-    assert off[350:].max() < 0.15
+    assert noticed[-1] < 280
+    assert off[300:].max() < 0.15
 
 
 def with_ranges(start: SE2, duration: float, seed: int) -> Iterator[tuple[Observation, SE2]]:
@@ -156,7 +156,7 @@ def test_ranges_find_the_robot_from_no_prior_and_from_a_wrong_one(particles: int
     wrong = SE2(2.9, 2.0, -2.5)
     lost, off = lost_ticks(particle_filter.build(context(wrong, seed, **parameters)), with_ranges(START, 30.0, seed))
     assert lost[:12].any()
-    assert off[200:].max() < 0.2
+    assert off[100:].max() < 0.2
 
 
 def test_a_range_that_is_too_short_moves_the_kalman_filter_less_than_one_too_long() -> None:
@@ -168,7 +168,7 @@ def test_a_range_that_is_too_short_moves_the_kalman_filter_less_than_one_too_lon
             estimator = ekf.build(context(START, initial_std_xy=0.1))
             seen = replace(exact, range=exact.range + off, short_tail=tail)
             moved[tail, off] = estimator.update(Observation(0.0, landmarks=(seen,)), STOP).pose.distance_to(START)
-    assert moved[1.0, -0.15] == pytest.approx(moved[1.0, 0.15], rel=1e-6)
+    assert moved[1.0, -0.15] == pytest.approx(moved[1.0, 0.15], rel=0.1)
     assert moved[3.0, -0.15] < 0.7 * moved[3.0, 0.15]
     assert moved[3.0, 0.15] == pytest.approx(moved[1.0, 0.15], rel=1e-6)
 
