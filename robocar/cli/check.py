@@ -10,12 +10,19 @@ import tyro
 from robocar.cli.output import Flag, complain, fail, put
 
 
-def check_files(files: tyro.conf.Positional[tuple[Path, ...]], /, resolution: float | None = None, debug: Flag = False) -> int:
+def check_files(
+    files: tyro.conf.Positional[tuple[Path, ...]],
+    /,
+    resolution: float | None = None,
+    subject: int | None = None,
+    debug: Flag = False,
+) -> int:
     """Validate maps, worlds, scenarios and trajectories; say what is wrong and where.
 
     Args:
         files: of any kind that Robocar reads.
         resolution: side of a cell where the file does not say [m].
+        subject: number of the robot in an MRCLAM folder; by default its first.
         debug: show tracebacks.
     """
     from robocar.core import RobocarError
@@ -25,7 +32,7 @@ def check_files(files: tyro.conf.Positional[tuple[Path, ...]], /, resolution: fl
     bad = 0
     for file in files:
         try:
-            put(check(file, resolution))
+            put(check(file, resolution, subject))
         except RobocarError as error:
             if debug:
                 raise
@@ -34,7 +41,7 @@ def check_files(files: tyro.conf.Positional[tuple[Path, ...]], /, resolution: fl
     return 2 if bad else 0
 
 
-def check(path: Path, resolution: float | None) -> str:
+def check(path: Path, resolution: float | None, subject: int | None = None) -> str:
     """One or more lines about a readable file.
 
     Raises:
@@ -44,13 +51,15 @@ def check(path: Path, resolution: float | None) -> str:
     from robocar.scenario.map_scenario import is_scenario
 
     if not is_scenario(path):
-        return str(check_file(path, resolution))
+        return str(check_file(path, resolution, subject))
     from robocar.core import RobocarError
     from robocar.episode.assembly import check_sight_of_movers
     from robocar.episode.registry import find
+    from robocar.formats.load_log import refuse_subject
     from robocar.scenario.load import load_scenario
     from robocar.scenario.scene import Scene
 
+    refuse_subject(path, subject)
     scenario = load_scenario(path)
     scene = Scene.load(scenario, scenario.robot_model().footprint)
     for kind in ("navigator", "estimator", "mapper"):

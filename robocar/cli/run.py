@@ -131,6 +131,7 @@ class ReplayArguments:
         estimator: who says where the robot is; by default, for a run, the one that it was made with.
         mapper: who draws the map.
         seed: of the estimator's random numbers; by default the run's, or 0.
+        subject: number of the robot in an MRCLAM folder; by default its first.
         set: changes a parameter (estimator.max_particles=400); may be repeated.
         out: folder in which the run directory is made.
         live: show the replay in a viewer while it goes on.
@@ -144,6 +145,7 @@ class ReplayArguments:
     estimator: str | None = None
     mapper: str = "none"
     seed: int | None = None
+    subject: int | None = None
     set: Settings = ()
     out: Path = Path("runs")
     live: Flag = False
@@ -164,6 +166,7 @@ def replay_log(args: Annotated[ReplayArguments, tyro.conf.arg(name="")]) -> int:
         estimator=args.estimator,
         mapper=args.mapper,
         seed=args.seed,
+        subject=args.subject,
         settings=dict(parse_setting(text) for text in args.set),
         out=args.out,
         record=not args.no_recording,

@@ -80,13 +80,24 @@ class Image:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detection:
-    """A landmark seen at `bearing` [rad] and `range` [m] in the robot's frame, covariance (2, 2) of (bearing, range)."""
+    """A landmark seen at `bearing` [rad] and `range` [m] in the robot's frame.
+
+    Args:
+        covariance: of (bearing, range), (2, 2); its range is that of readings that are too long.
+        short_tail: standard deviation of ranges that are too short over that of ranges that are too long: the range's error
+            has a split normal distribution, 1 is the normal one.
+    """
 
     time: float
     landmark: str
     bearing: float
     range: float
     covariance: Array
+    short_tail: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.short_tail) and self.short_tail > 0):
+            raise ValueError(f"short_tail must be a finite number above 0, not {self.short_tail}")
 
 
 class UsualReadings(TypedDict, total=False):

@@ -38,12 +38,14 @@ class ReplayOptions(TypedDict, total=False):
         mapper: its name.
         seed: of the estimator's random numbers; by default the run's, or 0.
         settings: parameters, e.g. `{"estimator.max_particles": 400}`.
+        subject: number of the robot, for an MRCLAM folder; by default its first.
     """
 
     estimator: str | None
     mapper: str
     seed: int | None
     settings: Mapping[str, Any] | None
+    subject: int | None
 
 
 def replay(
@@ -60,7 +62,7 @@ def replay(
     Args:
         source: a run directory or its `run.rrd`, an MRCLAM folder, a CARMEN log or a table of laser scans.
         out, record, live, force: see `robocar.run`.
-        options: estimator, mapper, seed and settings, see `ReplayOptions`.
+        options: estimator, mapper, seed, settings and subject, see `ReplayOptions`.
 
     Returns:
         The result; its `status` is `success` when the log was read to its end, its navigator `replay`, its `hash` that of the
@@ -69,7 +71,7 @@ def replay(
     Raises:
         RobocarError: the log cannot be read, or does not hold what the estimator needs.
     """
-    tape = open_tape(Path(source))
+    tape = open_tape(Path(source), options.pop("subject", None))
     spec = _spec(tape, source, **options)
     start = tape.log.start
     assembly = Assembly(spec, tape.robot, tape.prior, start, tape.log.landmarks, tape.control_period)

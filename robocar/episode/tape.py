@@ -25,7 +25,7 @@ from robocar.core import (
 )
 from robocar.core.truth import GroundTruth
 from robocar.formats import Trajectory
-from robocar.formats.load_log import is_log, load_log
+from robocar.formats.load_log import is_log, load_log, refuse_subject
 from robocar.formats.log import Log
 from robocar.scenario.model import Scenario
 from robocar.scenario.scene import Scene
@@ -75,22 +75,27 @@ class Tape:
         ]
 
 
-def open_tape(source: Path) -> Tape:
+def open_tape(source: Path, subject: int | None = None) -> Tape:
     """The log at a path, whatever its format.
+
+    Args:
+        subject: see `robocar.formats.load_log`.
 
     Raises:
         LogFormatError: nothing is there, or nothing that is known.
     """
     if source.is_dir() and (source / "run.rrd").is_file():
+        refuse_subject(source, subject)
         return _run_tape(source)
     if source.is_dir() and not is_log(source):
         raise LogFormatError(f"{source}: neither a run directory (run.rrd) nor an MRCLAM data set (Barcodes.dat)")
     if source.is_file() and source.name == "run.rrd":
+        refuse_subject(source, subject)
         return _run_tape(source.parent)
-    return _log_tape(load_log(source))
+    return _log_tape(load_log(source, subject), subject)
 
 
-def _log_tape(log: Log) -> Tape:
+def _log_tape(log: Log, subject: int | None) -> Tape:
     """A robot of which only its log is known: its size does not matter, it sees what the log holds."""
     model = RobotModel.load()
     robot = Robot(
@@ -102,6 +107,8 @@ def _log_tape(log: Log) -> Tape:
         camera=bool(log.landmarks),
     )
     name = log.path.name.partition(".")[0] or "log"
+    if subject is not None:
+        name = f"{name}-robot-{subject}"
     # Nothing but the name matters of it: where the run directory is named and described, a scenario is asked for.
     scenario = Scenario(name=name, description=f"{log.kind} log", map="none", prior="none", start=(0.0, 0.0, 0.0))
     return Tape(tuple((o, Hold()) for o in log.observations), robot, log, None, _CONTROL_PERIOD, scenario)

@@ -12,7 +12,7 @@ from robocar.core import MapFormatError, OccupancyGrid
 from robocar.formats.barn import load_barn_cylinders, load_barn_grids, load_barn_paths
 from robocar.formats.files import PathLike
 from robocar.formats.load import MAP_KINDS, file_kind, load_map
-from robocar.formats.load_log import LOG_KINDS, is_log, load_log
+from robocar.formats.load_log import LOG_KINDS, is_log, load_log, refuse_subject
 from robocar.formats.movingai import ScenarioLine, load_movingai_map, load_scenarios
 from robocar.formats.ros_map import read_ros_yaml
 from robocar.formats.text_grid import load_text_grid
@@ -56,20 +56,22 @@ class FileReport:
         )
 
 
-def check_file(path: PathLike, resolution: float | None = None) -> FileReport:
+def check_file(path: PathLike, resolution: float | None = None, subject: int | None = None) -> FileReport:
     """Read a file from outside as a whole and say what it holds.
 
     Args:
         path: a map of any kind that `load_map` reads, MovingAI `.scen`, BARN `.npz`, TUM trajectory, or a log that `load_log`
             reads. A `.scen` file is also checked against its map where that lies in the same folder.
         resolution: see `load_map`; an image alone is checked with 1 m if none is given, and the report says so.
+        subject: see `load_log`.
 
     Raises:
         MapFormatError, LogFormatError: the file cannot be used; the message names the file and what is wrong.
     """
     path = Path(path)
     if is_log(path):
-        return _check_log(path)
+        return _check_log(path, subject)
+    refuse_subject(path, subject)
     kind = file_kind(path)
     if kind == "movingai_scenarios":
         return _check_scenarios(path)
@@ -161,8 +163,8 @@ def _check_trajectory(path: Path) -> FileReport:
     return FileReport(path, "tum", details=(f"{trajectory.times.size} poses", f"{duration:.3f} s", f"{length:.3f} m"))
 
 
-def _check_log(path: Path) -> FileReport:
-    log = load_log(path)
+def _check_log(path: Path, subject: int | None) -> FileReport:
+    log = load_log(path, subject)
     first, last = log.observations[0].time, log.observations[-1].time
     scans = sum(len(observation.scans) for observation in log.observations)
     sightings = sum(len(observation.landmarks) for observation in log.observations)

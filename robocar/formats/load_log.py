@@ -21,19 +21,33 @@ def is_log(path: PathLike) -> bool:
     return is_mrclam(path) if path.is_dir() else path.name.lower().endswith((".csv", *_CARMEN_ENDINGS))
 
 
-def load_log(path: PathLike) -> Log:
+def load_log(path: PathLike, subject: int | None = None) -> Log:
     """The log at a path, whatever its format.
 
+    Args:
+        subject: number of the robot, for an MRCLAM folder; by default the first.
+
     Raises:
-        LogFormatError: nothing is there, or nothing that is known.
+        LogFormatError: nothing is there, or nothing that is known; the folder has no such robot, or the log is of one robot only.
     """
     path = Path(path)
     if not path.exists():
         raise LogFormatError(f"{path}: no such file or folder")
     if path.is_dir() and is_mrclam(path):
-        return load_mrclam(path)
+        return load_mrclam(path, subject)
+    refuse_subject(path, subject)
     if path.is_file() and path.name.lower().endswith(".csv"):
         return load_lidar_csv(path)
     if path.is_file() and path.name.lower().endswith(_CARMEN_ENDINGS):
         return load_carmen(path)
     raise LogFormatError(f"{path}: not a log that is known; a log is a run directory, {LOG_KINDS}")
+
+
+def refuse_subject(path: Path, subject: int | None) -> None:
+    """Only an MRCLAM folder holds several robots.
+
+    Raises:
+        LogFormatError: a subject is given.
+    """
+    if subject is not None:
+        raise LogFormatError(f"{path}: subject {subject} goes with an MRCLAM folder, which holds logs of several robots")

@@ -8,7 +8,7 @@ sensor and the kind of its readings, so that a sensor that this file has never h
 * `<sensor>:twist`                              time, v, omega
 * `<sensor>:pose`                               time, x, y, theta
 * `<sensor>:scan`                               n, time, max_range, beam_width, x, y, theta of the sensor, n ranges, n bearings
-* `<sensor>:detections`                         for each: time, bearing, range, the four numbers of the covariance by rows
+* `<sensor>:detections`                         for each: time, bearing, range, the four numbers of the covariance by rows, tail
 * `<sensor>:image`                              time, nine of the intrinsics, sixteen of robot_from_camera
 * `<sensor>:lines`                              text
 
@@ -102,9 +102,9 @@ def _last(sensor: str) -> str:
 
 
 def _detections(numbers: NDArray[np.float64], names: Sequence[str], _: str) -> tuple[Detection, ...]:
-    rows = np.reshape(numbers, (-1, 7))
+    rows = np.reshape(numbers, (len(names), -1))  # recordings of before the tail have no eighth number
     return tuple(
-        Detection(float(row[0]), name, float(row[1]), float(row[2]), row[3:].reshape(2, 2).copy())
+        Detection(float(row[0]), name, float(row[1]), float(row[2]), row[3:7].reshape(2, 2).copy(), *map(float, row[7:]))
         for row, name in zip(rows, names, strict=True)
     )
 
@@ -127,7 +127,7 @@ _IMAGE = _Kind(
 _LINES = _Kind("lines", lambda lines: lines, lambda lines, _, __: tuple(lines))
 _DETECTIONS = _Kind(
     "detections",
-    lambda seen: np.concatenate([(d.time, d.bearing, d.range, *d.covariance.ravel()) for d in seen]),
+    lambda seen: np.concatenate([(d.time, d.bearing, d.range, *d.covariance.ravel(), d.short_tail) for d in seen]),
     _detections,
     lambda seen, _: [d.landmark for d in seen],
 )

@@ -97,11 +97,11 @@ def mrclam_rmse(result: robocar.RunResult, folder: Path) -> float:
 
 
 @pytest.mark.parametrize("estimator", ["ekf", "particle-filter"])
-def test_the_mrclam_fixture_to_22_cm_with_default_parameters(data_dir: Path, estimator: str, tmp_path: Path) -> None:
+def test_the_mrclam_fixture_to_20_cm_with_default_parameters(data_dir: Path, estimator: str, tmp_path: Path) -> None:
     folder = data_dir / "mrclam"
     result = replay(folder, estimator=estimator, out=tmp_path)
     error = mrclam_rmse(result, folder)
-    assert error <= 0.22
+    assert error <= 0.20
     assert result.value("position_rmse") == pytest.approx(error, rel=1e-6)
     assert result.value("odometry_position_rmse") > 1.0
     assert result.value("min_clearance") is None
@@ -111,6 +111,17 @@ def test_the_mrclam_fixture_to_22_cm_with_default_parameters(data_dir: Path, est
     np.testing.assert_allclose(written.poses, result.estimate.poses, atol=1e-12)
     assert result.recording is not None
     assert json.loads((result.directory / "metrics.json").read_text())["navigator"] == "replay"
+
+
+@pytest.mark.parametrize("estimator", ["ekf", "particle-filter"])
+def test_the_robot_with_false_recoveries_to_20_cm(data_dir: Path, estimator: str) -> None:
+    """Robot 4: at 134 s the particle filter's error rose from 0.11 m to more than 1 m within a tick or two."""
+    folder = data_dir / "mrclam_r4"
+    settings = {"estimator.min_particles": 500, "estimator.max_particles": 500} if estimator == "particle-filter" else {}
+    result = replay(folder, estimator=estimator, subject=4, settings=settings)
+    assert mrclam_rmse(result, folder) <= 0.20
+    with pytest.raises(LogFormatError, match="there is no robot 1; its robots are 4"):
+        replay(folder, estimator=estimator, subject=1)
 
 
 def test_dead_reckoning_of_the_fixture_drifts_by_metres(data_dir: Path) -> None:

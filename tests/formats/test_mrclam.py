@@ -9,7 +9,17 @@ import numpy as np
 import pytest
 
 from robocar.core import LogFormatError
-from robocar.formats.mrclam import is_mrclam, load_mrclam
+from robocar.formats.check import check_file
+from robocar.formats.load_log import load_log
+from robocar.formats.mrclam import (
+    BEARING_STD,
+    CORRELATION_TIME,
+    RANGE_STD_SHARE,
+    SHORT_TAIL,
+    is_mrclam,
+    load_mrclam,
+    robots,
+)
 
 FILES = {
     "Barcodes.dat": "# Subject # Barcode #\n 1 5\n 2 14\n 6 72\n 7 27\n",
@@ -48,6 +58,41 @@ def test_what_a_folder_holds(tmp_path: Path) -> None:
         "1 measurements of robot 2, which moves",
         "1 measurements of the unknown barcode 99",
     }
+
+
+def test_what_a_sighting_says_of_itself(tmp_path: Path) -> None:
+    """Noise grows with the range; all sightings of one landmark in the time in which errors stay alike say as much as one."""
+    rows = [(10.0, 72, 2.0), (10.0, 27, 6.0), *((10.0 + 0.25 * k, 72, 2.0) for k in range(1, 13)), (20.0, 72, 2.0)]
+    text = "".join(f"{time} {barcode} {distance} 0.0\n" for time, barcode, distance in rows)
+    seen = [d for o in load_mrclam(write(tmp_path, Robot1_Measurement_dat=text)).observations for d in o.landmarks]
+    near, far = seen[:2]
+    assert math.sqrt(far.covariance[1, 1]) - math.sqrt(near.covariance[1, 1]) == pytest.approx(4.0 * RANGE_STD_SHARE)
+    assert math.sqrt(near.covariance[0, 0]) == pytest.approx(BEARING_STD)
+    assert {d.short_tail for d in seen} == {SHORT_TAIL}
+    again = [d.covariance for d in seen[2:] if d.time <= 13.0]
+    assert len(again) == 12
+    assert sum(near.covariance[1, 1] / c[1, 1] for c in again) == pytest.approx(3.0 / CORRELATION_TIME)
+    np.testing.assert_allclose(seen[-1].covariance, near.covariance)
+
+
+def test_any_robot_of_a_folder(tmp_path: Path) -> None:
+    others = {name.replace("Robot1", "Robot4").replace(".dat", "_dat"): text for name, text in FILES.items() if "Robot1" in name}
+    others["Robot4_Odometry_dat"] = "20.0 0.1 0.2\n20.5 0.3 -0.1\n"
+    write(tmp_path, **others)
+    assert robots(tmp_path) == [1, 4]
+    assert load_mrclam(tmp_path).observations[0].time == 10.0
+    assert load_log(tmp_path, 1).observations[0].time == 10.0
+    assert load_log(tmp_path, 4).observations[0].time == 20.0
+    assert "2 observations" in str(check_file(tmp_path, subject=4))
+    for bad in (2, 0, -1):
+        with pytest.raises(LogFormatError, match=f"no robot {bad}; its robots are 1, 4"):
+            load_log(tmp_path, bad)
+
+
+def test_a_subject_goes_with_a_folder_of_several_robots(tmp_path: Path) -> None:
+    (tmp_path / "grid.txt").write_text("...\n...\n")
+    with pytest.raises(LogFormatError, match="subject 2 goes with an MRCLAM folder"):
+        check_file(tmp_path / "grid.txt", 0.1, 2)
 
 
 def test_the_start_lies_on_the_line_between_two_true_poses_the_short_way_round(tmp_path: Path) -> None:

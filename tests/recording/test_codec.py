@@ -67,7 +67,9 @@ def mounts(draw):
     return mount
 
 
-DETECTIONS = st.builds(Detection, TIMES, TEXT, NUMBERS, NUMBERS, arrays(np.float64, (2, 2), elements=NUMBERS))
+DETECTIONS = st.builds(
+    Detection, TIMES, TEXT, NUMBERS, NUMBERS, arrays(np.float64, (2, 2), elements=NUMBERS), st.floats(1e-3, 1e3)
+)
 OBSERVATIONS = st.builds(
     Observation,
     TIMES,

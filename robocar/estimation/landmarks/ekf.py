@@ -98,6 +98,8 @@ class KalmanFilterEstimator:
         best: tuple[float, Array, Array, Array] | None = None
         p = self._parameters
         noise = detection.covariance + np.diag([p.bearing_std**2, (p.range_std * detection.range) ** 2])
+        # A reading that is too short may be farther off than one that is too long: a split normal distribution.
+        short = noise + np.diag([0.0, (detection.short_tail**2 - 1.0) * detection.covariance[1, 1]])
         for place in self._atlas.places(detection.landmark):
             dx, dy = place[0] - self._pose.x, place[1] - self._pose.y
             square = dx * dx + dy * dy
@@ -108,7 +110,7 @@ class KalmanFilterEstimator:
             innovation = np.array([math.remainder(detection.bearing - bearing, math.tau), detection.range - distance])
             jacobian = np.zeros((2, 5))
             jacobian[:, :3] = [dy / square, -dx / square, -1.0], [-dx / distance, -dy / distance, 0.0]
-            spread = jacobian @ self._covariance @ jacobian.T + noise
+            spread = jacobian @ self._covariance @ jacobian.T + (short if innovation[1] < 0.0 else noise)
             surprise = float(innovation @ np.linalg.solve(spread, innovation))
             if best is None or surprise < best[0]:
                 best = surprise, innovation, jacobian, spread

@@ -81,7 +81,9 @@ class Guesses:
         bearing_std = math.hypot(math.sqrt(detection.covariance[0, 0]), self._bearing_std)
         range_std = math.hypot(math.sqrt(detection.covariance[1, 1]), self._range_std * detection.range)
         bearings = detection.bearing + bearing_std * rng.standard_normal(count)
-        return bearings, np.maximum(1e-3, detection.range + range_std * rng.standard_normal(count))
+        off = range_std * rng.standard_normal(count)
+        off[off > 0.0] *= detection.short_tail  # the landmark is farther than the reading says
+        return bearings, np.maximum(1e-3, detection.range + off)
 
     def _from_circles(self, count: int, known: Sequence[Detection], rng: np.random.Generator) -> Array:
         tries = _TRIES * -(-count // len(known))
@@ -116,7 +118,8 @@ class Guesses:
             spots.append(frame.transform(ranges[:, None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=1)))
         apart, seen = places[1] - places[0], spots[1] - spots[0]
         distance = np.linalg.norm(apart, axis=1)
-        slack = 3.0 * math.hypot(*(max(math.sqrt(d.covariance[1, 1]), self._range_std * d.range) for d in (one, other))) + 0.05
+        range_stds = (max(math.sqrt(d.covariance[1, 1]) * d.short_tail, self._range_std * d.range) for d in (one, other))
+        slack = 3.0 * math.hypot(*range_stds) + 0.05
         fits = (np.abs(np.linalg.norm(seen, axis=1) - distance) < slack) & (distance > 1e-6)
         theta = np.arctan2(apart[:, 1], apart[:, 0]) - np.arctan2(seen[:, 1], seen[:, 0])
         c, s = np.cos(theta), np.sin(theta)

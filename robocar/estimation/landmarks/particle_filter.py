@@ -2,12 +2,14 @@
 
     move:      every particle by the odometry, with noise                       (thesis, eq. 2.43; `motion_models`)
     weigh:     by how well what is seen fits to where the particle stands       (`sensor_models`)
-    recover:   where it fits worse than it used to, the robot may be elsewhere: some particles are drawn from what is seen
+    recover:   where it fits worse than the sensor model expects, the robot is elsewhere: particles are drawn from what is seen
     resample:  by weight, and scatter a little                                  (eq. 2.42; `resampling`)
     estimate:  mean and covariance, the heading's on the circle                 (eq. 2.43; `estimates`)
 
-Recovery is augmented Monte Carlo localization (Thrun, Burgard and Fox 2005, Table 8.3, after Gutmann and Fox 2002): the
-short-term average of the likelihood against the long-term one says how many particles to draw anew. They are drawn from the
+Recovery is augmented Monte Carlo localization (Thrun, Burgard and Fox 2005, Table 8.3, after Gutmann and Fox 2002) on an
+absolute scale. A short-term average of how well pictures are explained says how many particles to draw anew. It is compared
+with what the sensor model itself expects (`sensor_models.Matches.explained`), and not with a long-term average: that one is
+high after good readings, so that ordinary ones look bad, and sinks with a filter that is wrong. Particles are drawn from the
 sighting (sensor resetting: Lenser and Veloso 2000): a ball at a known distance leaves a circle, and its bearing then gives the
 heading.
 """
@@ -28,12 +30,11 @@ from robocar.estimation.landmarks.area import Area
 from robocar.estimation.landmarks.estimates import PoseEstimate
 from robocar.estimation.landmarks.guesses import Guesses
 from robocar.estimation.landmarks.senses import Senses
-from robocar.estimation.landmarks.sensor_models import Atlas, Sightings
+from robocar.estimation.landmarks.sensor_models import EXPECTED_MATCH, Atlas, Matches
 from robocar.estimation.odometry import motion_models
 from robocar.estimation.odometry.motion_models import MotionParameters, move
 
-MODELS = ("bearing-range", "ranges", "headings")
-_NOMINAL = 0.4  # likelihood of a sighting for a filter that knows where it is, until it has an average of its own
+MODELS = tuple(EXPECTED_MATCH)
 _SHRINK, _LEAST_BIAS = 0.99, 0.01  # of the biases when resampling
 _MOST_NEW = 0.9  # share of the particles that one sighting may replace
 
@@ -51,8 +52,9 @@ class FilterParameters:
         outlier: likelihood of a sighting that is none of the landmark's, against 1 for a perfect one.
         resample: `systematic`, `wheel` or `residual`; done where N_eff is below `resample_below` times the number of particles.
         scatter_xy, scatter_theta: after resampling [m], [rad] (thesis, eq. 2.42).
-        recovery_alpha_slow, recovery_alpha_fast: rates of the averages per sighting, 0 for no recovery; recovery_ratio:
-            particles are drawn anew where the fast average times this is below the slow one (Gutmann and Fox 2002).
+        recovery_alpha_fast: rate of the average of how well pictures are explained, per picture, 0 for no recovery.
+        recovery_sigmas: particles are drawn anew where that average is this many of its standard deviations below what the
+            sensor model expects.
         estimate: `group` for the largest group of particles, `mean` for all.
         group_radius, group_angle: how far a group reaches [m], [rad].
         initial_std_xy, initial_std_theta: of the start, if it is known [m], [rad].
@@ -70,9 +72,8 @@ class FilterParameters:
     resample_below: float = 0.5
     scatter_xy: float = 0.012
     scatter_theta: float = 0.009
-    recovery_alpha_slow: float = 0.01
-    recovery_alpha_fast: float = 0.2
-    recovery_ratio: float = 3.0
+    recovery_alpha_fast: float = 0.1
+    recovery_sigmas: float = 4.0
     estimate: str = "group"
     group_radius: float = 0.4
     group_angle: float = 0.5
@@ -86,13 +87,13 @@ class FilterParameters:
         for name, valid in (("model", MODELS), ("resample", tuple(resampling.SCHEMES)), ("estimate", ("group", "mean"))):
             if getattr(self, name) not in valid:
                 raise ValueError(f"{name} is one of {', '.join(valid)}, not {getattr(self, name)!r}")
-        for name in ("pf_err", "pf_z", "group_radius", "group_angle", "recovery_ratio"):
+        for name in ("pf_err", "pf_z", "group_radius", "group_angle", "recovery_sigmas"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise ValueError(f"{name} must be a finite number above 0, not {getattr(self, name)}")
         for name in ("bearing_std", "range_std", "scatter_xy", "scatter_theta", "initial_std_xy", "initial_std_theta"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
                 raise ValueError(f"{name} must be a finite number from 0 on, not {getattr(self, name)}")
-        for name in ("outlier", "resample_below", "recovery_alpha_slow", "recovery_alpha_fast"):
+        for name in ("outlier", "resample_below", "recovery_alpha_fast"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name} must lie between 0 and 1, not {getattr(self, name)}")
 
@@ -129,7 +130,9 @@ class ParticleFilter:
         self.weights = np.full(n, 1.0 / n)
         self.biases = rng.standard_normal((n, 2))
         # One that does not know where it is is as one that was carried off just now.
-        self._slow, self._fast = _NOMINAL, 0.0 if start is None else _NOMINAL
+        expected = EXPECTED_MATCH[parameters.model]
+        self._explained = 0.0 if start is None else expected.mean
+        self._least = expected.least(parameters.recovery_alpha_fast, parameters.recovery_sigmas)
 
     def predict(self, step: SE2, velocity: bool = False) -> None:
         """Moves all particles by a step of the odometry, robot_from_next_robot, by the velocity model or the odometry model."""
@@ -140,30 +143,30 @@ class ParticleFilter:
         """Weighs the particles by what is seen; False where no particle explains it at all: the weights are equal then."""
         p = self.parameters
         self._guesses.see(self._odometry, detections)
-        if p.model == "headings":
-            likelihoods = sensor_models.headings(self.particles, [(d.landmark, d.bearing) for d in detections], p.outlier)
-            count = len(detections)
-        else:
-            seen = self._atlas.sightings(detections, p.bearing_std, p.range_std)
-            likelihoods, count = self._likelihoods(seen), len(seen)
-        if count == 0:
+        matches = self._matches(detections)
+        if matches.count == 0:
             return True
-        mean = sensor_models.reweigh(self.weights, likelihoods)
-        average = mean ** (1.0 / count)  # per sighting, so that many in one picture are not taken for a bad one
-        self._slow += (1.0 - (1.0 - p.recovery_alpha_slow) ** count) * (average - self._slow)
-        self._fast += (1.0 - (1.0 - p.recovery_alpha_fast) ** count) * (average - self._fast)
+        mean = sensor_models.reweigh(self.weights, matches.likelihoods(p.outlier))
+        was_lost = self.lost_share > 0.0
+        # Once a picture and not once a sighting: a picture taken while the robot turns is wrong about all that it shows.
+        self._explained += p.recovery_alpha_fast * (matches.explained(self.weights) - self._explained)
+        # What fits better than expected is not believed longer when it stops to fit.
+        self._explained = min(self._explained, EXPECTED_MATCH[p.model].mean)
+        if not was_lost and self.lost_share > 0.0:
+            self._explained = 0.0  # carried off is as not knowing the start: all of the pose is looked for, for some pictures
         return mean > 0.0
 
-    def _likelihoods(self, seen: Sightings) -> Array:
-        model = sensor_models.ranges if self.parameters.model == "ranges" else sensor_models.bearing_range
-        return model(self.particles, seen, self.parameters.outlier)
+    def _matches(self, detections: Sequence[Detection]) -> Matches:
+        p = self.parameters
+        if p.model == "headings":
+            return sensor_models.headings(self.particles, [(d.landmark, d.bearing) for d in detections])
+        model = sensor_models.ranges if p.model == "ranges" else sensor_models.bearing_range
+        return model(self.particles, self._atlas.sightings(detections, p.bearing_std, p.range_std))
 
     @property
     def lost_share(self) -> float:
-        """Share of the particles that should be drawn anew: max(0, 1 - ratio fast / slow) (Gutmann and Fox 2002)."""
-        if self.parameters.recovery_alpha_fast == 0.0 or self._slow <= 0.0:
-            return 0.0
-        return min(_MOST_NEW, max(0.0, 1.0 - self.parameters.recovery_ratio * self._fast / self._slow))
+        """Share of the particles that should be drawn anew: max(0, 1 - average / least), least what chance explains."""
+        return min(_MOST_NEW, max(0.0, 1.0 - self._explained / self._least)) if self._least > 0.0 else 0.0
 
     @property
     def effective_size(self) -> float:

@@ -44,7 +44,7 @@ def test_likelihoods_are_products_over_sightings_of_means_over_candidates(model:
     detections = [detection(*values) for values in seen]
     particles = np.array([[0.5, 0.4, 0.1], [2.0, -1.0, 2.5], [1.1, 1.9, -3.0]])
     tables = ATLAS.sightings(detections, 0.0, 0.0)
-    likelihoods = kernel(particles, tables, 0.02)
+    likelihoods = kernel(particles, tables).likelihoods(0.02)
     expected = [math.prod(by_hand(SE2(*p), d, model, 0.02) for d in detections) for p in particles]
     np.testing.assert_allclose(likelihoods, expected, rtol=1e-6, atol=1e-12)
 
@@ -73,14 +73,16 @@ def test_the_thesis_headings_are_those_of_its_field(colors: tuple[str, str], hea
     assert math.cos(math.atan2(y, x) - heading) == pytest.approx(1.0)
     particles = np.array([[0.0, 0.0, heading + off] for off in (0.0, 0.3, -0.3, 2.0)])
     seen = [(color, math.atan2(*(np.array(corners[color]) - (1.75, 1.25))[::-1]) - heading) for color in colors]
-    likelihoods = sensor_models.headings(particles, seen, 0.01)
+    likelihoods = sensor_models.headings(particles, seen).likelihoods(0.01)
     assert likelihoods[0] == pytest.approx(1.0)
     assert likelihoods[1] == pytest.approx(likelihoods[2])
     assert likelihoods[0] > likelihoods[1] > likelihoods[3]
 
 
 def test_other_pairs_say_nothing() -> None:
-    assert np.all(sensor_models.headings(np.zeros((3, 3)), [("red", 0.1), ("green", 0.4)], 0.01) == 1.0)
+    matches = sensor_models.headings(np.zeros((3, 3)), [("red", 0.1), ("green", 0.4)])
+    assert matches.count == 0
+    assert np.all(matches.likelihoods(0.01) == 1.0)
 
 
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=20), st.integers(0, 100))
