@@ -24,7 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robocar.core import (
+    OCCUPIED,
     SE2,
+    STOP,
     Array,
     Command,
     Context,
@@ -45,6 +47,8 @@ from robocar.core import (
     wrap_angle,
 )
 from robocar.core.trace import PLAN_COLOR, Drawable, LazyTrace
+from robocar.planners.controllers.pure_pursuit import STOPPING_SHARE
+from robocar.planners.geometry.reachability import Proof
 from robocar.planners.search import a_star
 from robocar.planners.search.car_lattice import CarLattice
 from robocar.planners.search.obstacle_memory import ObstacleMemory
@@ -59,6 +63,7 @@ class DynamicAStarParameters:
         metric: of the A* search, see `robocar.planners.search.a_star`: `octile`, or `thesis` for its Manhattan heuristic.
         look_around: turn 360 degrees in each new cell: `auto` does where no sonar looks sideways.
         cell_size: of the lattice [m].
+        allow_unknown: whether unknown cells of the prior map count as free; else as obstacles.
         margin: room that the footprint keeps [m]; given up where no way is left with it.
         prior_tolerance: an echo this near to what the prior shows (its edge included) is that, seen from a drifted pose [m].
         hit_range: echoes from farther away are not marked [m]; free_range: nor is what lies before them taken back beyond
@@ -69,6 +74,7 @@ class DynamicAStarParameters:
     metric: Literal["octile", "thesis"] = "octile"
     look_around: Literal["auto", "always", "never"] = "auto"
     cell_size: float = 0.30
+    allow_unknown: bool = True
     margin: float = 0.015
     prior_tolerance: float = 0.08
     hit_range: float = 0.65
@@ -97,6 +103,7 @@ class DynamicAStar:
         self._prior = context.prior
         self._parameters = context.parameters_of(DynamicAStarParameters)
         self._footprint = context.robot.footprint
+        self._proof = Proof(context.prior, context.robot.footprint.inscribed_radius)
         self._keep(self._parameters.margin)
         looks_sideways = any(abs(math.sin(s.robot_from_sensor.theta)) > 0.7 for s in context.robot.sonars)
         sees_around = looks_sideways or context.robot.lidar is not None
@@ -132,6 +139,7 @@ class DynamicAStar:
         if goal is None:
             return GiveUp("dynamic-a-star needs a goal")
         pose = state.belief.pose
+        self._proof.begin(pose.position)
         memory = self._prepare(pose, goal)
         if state.map is not None and state.map.complete:  # a camera above the field: the thesis' other source of obstacles
             self._look_around = self._parameters.look_around == "always"
@@ -142,6 +150,8 @@ class DynamicAStar:
         else:
             for scan in observation.scans:
                 memory.mark(pose, scan, self._parameters.hit_range, self._parameters.free_range)
+        if goal.heading is not None and math.dist(pose.position, goal.position) <= STOPPING_SHARE * goal.xy_goal_tolerance:
+            return self._align(pose, goal, goal.heading)
         shown: Makers = {}
         work: dict[str, int] = {}
         if self._planned_to is None or (not self._retreating and self._must_replan(pose)):
@@ -158,9 +168,16 @@ class DynamicAStar:
             else:
                 rows, cols = lattice.shape
                 origin, extent = lattice.origin, (cols * lattice.cell_size, rows * lattice.cell_size)
-            self._lattice, self._memory = lattice, ObstacleMemory(origin, extent, self._prior, self._parameters.prior_tolerance)
+            self._lattice, self._memory = lattice, ObstacleMemory(origin, extent, self._known(), self._parameters.prior_tolerance)
             self._blocked = np.zeros(lattice.shape, dtype=bool)
         return self._memory
+
+    def _known(self) -> OccupancyGrid | None:
+        """The prior map, with unknown cells as obstacles where they are not allowed: the memory takes them as free."""
+        prior = self._prior
+        if prior is None or self._parameters.allow_unknown:
+            return prior
+        return OccupancyGrid(np.where(prior.unknown, OCCUPIED, prior.data), prior.resolution, prior.origin)
 
     # -- planning -----------------------------------------------------------------------------------------------------
 
@@ -231,7 +248,7 @@ class DynamicAStar:
             self._spin = (math.tau, pose.theta)
             shown["status"] = partial(Text, f"no way left ({reason}); forgetting all echoes and looking again", "WARN")
         else:
-            return GiveUp(f"no way to the goal through free cells: {reason}")
+            return self._proof.judged(GiveUp(f"no way to the goal through free cells: {reason}"), pose.position, goal)
         self._way, self._planned_to = [], None
         return Drive(Twist(), trace=LazyTrace(shown), work=work)
 
@@ -381,6 +398,16 @@ class DynamicAStar:
         """Turning rate towards a heading: slows down in time to stop there."""
         top = min(self._parameters.turn_rate, math.sqrt(2.0 * 0.5 * self._robot.limits.acc_lim_theta * abs(error)))
         return math.copysign(max(top, 0.15), error)
+
+    def _align(self, pose: SE2, goal: Goal, heading: float) -> Command:
+        """At the goal: stand, or turn to its heading where the car has the room to turn."""
+        error = wrap_angle(heading - pose.theta)
+        if abs(error) <= STOPPING_SHARE * goal.yaw_goal_tolerance:
+            return STOP
+        assert self._memory is not None
+        if self._memory.disc_blocked((pose.x, pose.y), self._footprint.circumscribed_radius):
+            return GiveUp(f"no room to turn to the goal's heading at ({pose.x:.2f}, {pose.y:.2f})")
+        return Drive(Twist(0.0, self._rate(error)))
 
     def _turn_on(self, pose: SE2) -> Twist:
         """Goes on with the full turn."""

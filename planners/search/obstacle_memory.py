@@ -115,7 +115,7 @@ class ObstacleMemory:
         if prior is not None:
             split = max(1, math.ceil(prior.resolution / FINE - 1e-9))
             self.resolution = prior.resolution / split
-            known = (prior.occupied | prior.unknown).repeat(split, axis=0).repeat(split, axis=1)
+            known = prior.occupied.repeat(split, axis=0).repeat(split, axis=1)
             outside = np.pad(known, 1, constant_values=True)
             room = np.asarray(distance_transform_edt(~outside))[1:-1, 1:-1] * self.resolution
             self._evidence = np.where(known, _PRIOR, np.where(room <= tolerance, _EXPLAINED, 0)).astype(np.int8)
