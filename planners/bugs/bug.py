@@ -74,6 +74,7 @@ class Bug:
         self._hits = np.empty((0, 2))
         self._counted: Array | float | None = None
         self._note = ""
+        self._arrived = False
         self._cramped = True  # until it has been seen that it can turn where it starts
 
     def command(self, state: State, path: Path | None, costmap: Costmap | None, observation: Observation, goal: Goal) -> Command:
@@ -90,7 +91,11 @@ class Bug:
             self._motion.stand(observation.time)
             return STOP
         centre = self.circle.centre(pose)
-        if math.dist(centre, goal.position) <= STOPPING_SHARE * goal.xy_goal_tolerance:
+        # The circle's centre moves while the car turns on the spot: once there, the car's own place decides.
+        near = goal.xy_goal_tolerance if self._arrived else 0.0
+        self._arrived = math.dist(pose.position, goal.position) <= near
+        self._arrived |= math.dist(centre, goal.position) <= STOPPING_SHARE * goal.xy_goal_tolerance
+        if self._arrived:
             return Drive(self._align(pose, goal, observation.time))
         view = BugView(
             observation.time,

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from robocar.core import LETHAL, NO_INFORMATION, SE2, Costmap, Footprint, GridMap, Observation, OccupancyGrid, Robot, Scan
 from robocar.core.compiling import trial_robot, warm_up
+from robocar.core.way import length_over
 from robocar.planners.costmap.inflation_layer import inflate_window, inflation_kernel
 from robocar.planners.costmap.obstacle_layer import HIT, commit, forget_disc, mark_laser, mark_sonar
 
@@ -177,6 +178,10 @@ class LayeredCostmap:
         for scan in observation.scans:
             self._integrate(pose, scan)
         return self.version != before
+
+    def unknown_length(self, points: ArrayLike) -> float:
+        """How much of a polyline (n, 2) [m] leads over cells that the prior map does not know [m]."""
+        return 0.0 if self.prior is None else length_over(self.prior, self.prior.unknown, points)
 
     def costmap(self) -> Costmap:
         """The costs as they are now; the same object until they change.

@@ -39,6 +39,7 @@ from robocar.core import (
 )
 from robocar.core.compiling import warm_up
 from robocar.core.trace import PLAN_COLOR, LazyTrace, merged, transformed
+from robocar.core.way import through
 from robocar.core.work import Work, total
 from robocar.planners.controllers.pure_pursuit import STOPPING_SHARE
 from robocar.planners.costmap import layered as layered
@@ -210,7 +211,9 @@ class PlanAndFollow:
         become free.
         """
         recovery = self.recovery
-        hopeless = isinstance(error, OutsideMap) or (self._bare and isinstance(error, NoPathFound | BudgetExhausted | GoalOccupied))
+        hopeless = isinstance(error, OutsideMap) or (
+            self._bare and isinstance(error, NoPathFound | BudgetExhausted | GoalOccupied)
+        )
         if recovery is None or self._watch is None or hopeless:
             self._goal = None
             return failure
@@ -303,6 +306,8 @@ class PlanAndFollow:
         costmap = self.costmap.costmap()
         took = ", ".join(f"{count} {unit}" for unit, count in plan.work.items())
         message = f"{reason}: path of {plan.path.length:.2f} m, {took}"
+        if unknown := self.costmap.unknown_length(plan.path.points):
+            message += f"; {through(unknown, plan.path.length)}"
         return merged(
             {"global": Lines((plan.path.points,), color=PLAN_COLOR, radius=0.012), "plan": Text(message)},
             LazyTrace({"costmap" if self.local_costmap is None else "costmap/global": lambda: Field(costmap)}),

@@ -105,7 +105,7 @@ NAVIGATORS: dict[str, Entry] = {
         _AT + "search.dynamic_a_star:build",
         "30 cm cells, replans when a sonar finds a cell blocked, looks around in each cell",
         "Utomo 2015, sections 2.6, 3.5, 4.3",
-        parameters={"": (_AT + "search.dynamic_a_star:DynamicAStarParameters",)},
+        parameters={"": (_AT + "search.dynamic_a_star_parameters:DynamicAStarParameters",)},
     ),
     "a-star": _follow(_A_STAR, "shortest grid path, followed by pure pursuit", "Hart, Nilsson and Raphael 1968"),
     "theta-star": _follow(_THETA_STAR, "any-angle path, followed by pure pursuit", "Daniel, Nash, Koenig and Felner 2010"),

@@ -30,4 +30,7 @@ class Exploration:
         share = None if drawn is None else explored_share(drawn, self.truth(), start.position, self.radius)
         if share is None:
             return False, "the map says nothing of the area that the robot can cover"
-        return share >= EXPLORED, f"{share:.1%} of the area that the robot can cover are known (at least {EXPLORED:.0%} are asked)"
+        return (
+            share >= EXPLORED,
+            f"{share:.1%} of the area that the robot can cover are known (at least {EXPLORED:.0%} are asked)",
+        )

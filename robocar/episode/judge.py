@@ -84,7 +84,7 @@ class Judge(Outcome):
     _taken_at: float = -math.inf
 
     def judge(self, tick: Tick, command: Command, work: Work, view: MapView | None = None) -> None:
-        """Keeps the tick and decides whether it is over; `work` is what estimator and navigator computed in it, `view` the map."""
+        """Keeps the tick and decides whether it is over; `work` is what was computed in it, `view` the map that is drawn."""
         self.ticks.append(tick)
         if work:
             self.efforts.append(Effort(tick.truth.time, tick.plan_time, dict(work)))
