@@ -45,6 +45,7 @@ from robocar.core import (
     wrap_angle,
 )
 from robocar.core.trace import PLAN_COLOR, Drawable, LazyTrace
+from robocar.core.way import length_over, through
 from robocar.planners.controllers.pure_pursuit import STOPPING_SHARE
 from robocar.planners.geometry.reachability import Proof
 from robocar.planners.search import a_star
@@ -189,6 +190,8 @@ class DynamicAStar:
                 work |= {"replans": again, **plan.work} if again else plan.work
                 self._counted += again
                 took = f"{plan.path.length:.2f} m, {plan.work['expansions']} expansions"
+                if self._prior is not None and (unknown := length_over(self._prior, self._prior.unknown, drawn)):
+                    took += f"; {through(unknown, float(np.linalg.norm(np.diff(drawn, axis=0), axis=1).sum()))}"
                 shown["status"] = partial(Text, f"plan {self._plans}: {len(self._way)} cells, {took}")
                 return None
         if self._spin is not None:  # still looking around

@@ -22,7 +22,7 @@ _FAR = 2**31 - 1
 
 @njit(cache=True)
 def _wave(free: Blocked, source: int, target: int) -> NDArray[np.int32]:
-    """Steps from `source` to every node of a frame-bound grid until `target` is reached (Dial, 1969: buckets instead of a heap)."""
+    """Steps from `source` to the nodes inside a blocked frame, until `target` is reached (Dial, 1969: buckets, not a heap)."""
     cols = free.shape[1]
     open_nodes = free.ravel()
     steps = np.full(open_nodes.size, _FAR, dtype=np.int32)
