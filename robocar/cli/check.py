@@ -74,13 +74,13 @@ def check(path: Path, resolution: float | None) -> str:
 
 def _through_unknown(scene: Scene) -> str | None:
     """How much of the map is unknown, and whether the way to the goal leads there; None where nothing is."""
-    from robocar.core.way import find_way, length_over, through
+    from robocar.core.way import LARGEST, find_way, length_over, through
 
     grid = scene.grid if scene.prior is None else scene.prior
     if not grid.unknown.any():
         return None
     text = f"{grid.unknown.mean():.1%} of the map are unknown, and free floor to the robot"
-    if scene.goal is None:
+    if scene.goal is None or grid.data.size > LARGEST:
         return text
     radius = scene.scenario.robot_model().footprint.inscribed_radius
     way = find_way(grid, grid.occupied, scene.start.position, scene.goal.position, radius)

@@ -9,12 +9,16 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from robocar.core.distance import Blocked, lattice_distance
+from robocar.core.errors import MapTooLarge
 from robocar.core.geodesic import geodesic_path
 from robocar.core.grid import GridMap
 from robocar.core.plan import Path
 
 EXACT = 300_000
 """Cells up to which the way is `geodesic_path`; on larger maps one along the lines of the grid, at most 8 % longer."""
+
+LARGEST = 25_000_000
+"""Cells up to which a way is looked for: it takes 1.5 GB then."""
 
 _STRAIGHT, _DIAGONAL = 5, 7  # steps, close to 1 : sqrt(2)
 _FAR = 2**31 - 1
@@ -91,7 +95,12 @@ def find_way(grid: GridMap, blocked: ArrayLike, start: ArrayLike, goal: ArrayLik
 
     Returns:
         None where there is none, or the disc does not fit at an end.
+
+    Raises:
+        MapTooLarge: it has more than `LARGEST` cells.
     """
+    if np.size(blocked) > LARGEST:
+        raise MapTooLarge(f"no way is looked for on a map of {np.size(blocked)} cells, only up to {LARGEST}")
     mask = np.ascontiguousarray(blocked, dtype=bool)
     if mask.size <= EXACT:
         return geodesic_path(grid, mask, start, goal, radius)

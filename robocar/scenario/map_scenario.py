@@ -11,7 +11,7 @@ import yaml
 
 from robocar.core import Path as Way
 from robocar.core import RobocarError, ScenarioError
-from robocar.core.way import find_way
+from robocar.core.way import LARGEST, find_way
 from robocar.formats import file_kind, load_map, load_text_grid
 from robocar.sim.robot_model import RobotModel
 
@@ -83,6 +83,9 @@ def _way_length(path: Path, resolution: float | None, start: list[float], goal: 
         grid = load_map(path, resolution)
     except RobocarError:
         return straight  # what is wrong is said by who loads the scenario
+    if grid.data.size > LARGEST:
+        warnings.warn(f"{path}: too large to look for a way: the time limit is that of the straight line", stacklevel=4)
+        return straight
     radius = RobotModel.load(_ROBOT).footprint.inscribed_radius
 
     def way(a: list[float], b: list[float]) -> Way | None:

@@ -351,3 +351,15 @@ def test_logs_are_checked_and_frozen() -> None:
         run_log(3, time=[0.0, NAN, 0.1])
     with pytest.raises(ValueError, match="read-only"):
         run_log(3).time[0] = 1.0
+
+
+def test_unknown_length() -> None:
+    """By hand: columns 4 to 6 of cells of 1 m are unknown, and are crossed twice; what is carried over them does not count."""
+    data = np.zeros((10, 10), dtype=np.int8)
+    data[:, 4:7] = -1
+    grid = OccupancyGrid(data, 1.0)
+    poses = [[1, 5, 0], [9, 5, 0], [NAN, 0, 0], [1, 5, 0]]
+    assert metrics.unknown_length(grid, poses) == pytest.approx(6.0, abs=0.2)
+    assert metrics.unknown_length(grid, poses, [False, False, False, True]) == pytest.approx(3.0, abs=0.1)
+    assert metrics.unknown_length(OccupancyGrid(np.zeros((3, 3)), 1.0), [[1, 1, 0], [2, 1, 0]]) == 0.0
+    assert metrics.unknown_length(grid, np.zeros((0, 3))) is None
