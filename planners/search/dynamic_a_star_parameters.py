@@ -1,4 +1,4 @@
-"""What can be set on `dynamic-a-star`."""
+"""What can be set on `robocar.planners.search.dynamic_a_star`."""
 
 from __future__ import annotations
 
