@@ -16,11 +16,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robocar.core import (
     SE2,
@@ -46,14 +44,16 @@ from robocar.core import (
 )
 from robocar.core.trace import PLAN_COLOR, Drawable, LazyTrace
 from robocar.core.way import length_over, through
-from robocar.planners.controllers.pure_pursuit import STOPPING_SHARE
 from robocar.planners.geometry.reachability import Proof
 from robocar.planners.search import a_star
 from robocar.planners.search.car_lattice import CarLattice
+from robocar.planners.search.clear_legs import search_clear_legs
 from robocar.planners.search.dynamic_a_star_parameters import DynamicAStarParameters
 from robocar.planners.search.obstacle_memory import ObstacleMemory
 
 Makers: TypeAlias = dict[str, Callable[[], Drawable]]  # of drawables by name, called when somebody looks, within the tick
+
+_STOPPING_SHARE = 0.5  # of the goal's tolerances: where it turns to the heading, and where it stands
 
 
 class DynamicAStar:
@@ -111,7 +111,7 @@ class DynamicAStar:
         else:
             for scan in observation.scans:
                 memory.mark(pose, scan, self._parameters.hit_range, self._parameters.free_range)
-        if goal.heading is not None and math.dist(pose.position, goal.position) <= STOPPING_SHARE * goal.xy_goal_tolerance:
+        if goal.heading is not None and math.dist(pose.position, goal.position) <= _STOPPING_SHARE * goal.xy_goal_tolerance:
             return self._align(pose, goal, goal.heading)
         shown: Makers = {}
         work: dict[str, int] = {}
@@ -174,7 +174,7 @@ class DynamicAStar:
         for start in start_cells:
             for end in goal_cells:
                 try:
-                    plan, points = self._search_clear_legs(start, end)
+                    plan, points = search_clear_legs(self._search, lattice, memory, self._half_width, self._blocked, (start, end))
                 except PlanningError as error:
                     reason = str(error)
                     continue
@@ -252,48 +252,6 @@ class DynamicAStar:
                     found.append((math.dist(centre, point), (r, c)))
         return [cell for _, cell in sorted(found)[:4]]
 
-    def _search_clear_legs(self, start: tuple[int, int], end: tuple[int, int]) -> tuple[Plan, list[Array]]:
-        """The path between two cells on which the car can also drive from each centre to the next.
-
-        Cells are free where the car can turn; what stands between two of them shows up only when a path uses both. The cell
-        behind such a leg is then taken as blocked, and the search repeated.
-
-        Raises:
-            PlanningError: there is none.
-        """
-        lattice = self._lattice
-        assert lattice is not None
-        blocked = self._blocked.copy()
-        while True:
-            costmap = lattice.costmap(blocked)
-            plan = self._search.plan(costmap, costmap.world_from_cell(start), costmap.world_from_cell(end))
-            points, obstructed = self._legs(plan.path.points, blocked)
-            if obstructed is None:
-                return plan, points
-            blocked[obstructed if obstructed != end else lattice.cell(points[-1])] = True
-
-    def _legs(self, points: Array, blocked: NDArray[np.bool_]) -> tuple[list[Array], tuple[int, int] | None]:
-        """The points of a path up to the first leg that is obstructed, and the cell that this leg leads to.
-
-        A diagonal leg between whose cells something stands is driven around the corner where that is clear.
-        """
-        lattice, memory = self._lattice, self._memory
-        assert lattice is not None and memory is not None
-        way = [points[0]]
-        for here, there in pairwise(points):
-            if memory.way_blocked(here, there, self._half_width, 0.0):
-                (r0, c0), (r1, c1) = lattice.cell(here), lattice.cell(there)
-                corners = [np.array(lattice.centre(cell)) for cell in ((r0, c1), (r1, c0)) if r0 != r1 and c0 != c1]
-                for corner in corners:
-                    legs = ((here, corner), (corner, there))
-                    if not any(memory.way_blocked(a, b, self._half_width, 0.0) for a, b in legs):
-                        way.append(corner)
-                        break
-                else:
-                    return way, (r1, c1)
-            way.append(there)
-        return way, None
-
     def _is_blocked(self, cell: tuple[int, int]) -> bool:
         lattice, memory = self._lattice, self._memory
         assert lattice is not None and memory is not None
@@ -361,7 +319,7 @@ class DynamicAStar:
     def _align(self, pose: SE2, goal: Goal, heading: float) -> Command:
         """At the goal: stand, or turn to its heading where the car has the room to turn."""
         error = wrap_angle(heading - pose.theta)
-        if abs(error) <= STOPPING_SHARE * goal.yaw_goal_tolerance:
+        if abs(error) <= _STOPPING_SHARE * goal.yaw_goal_tolerance:
             return STOP
         assert self._memory is not None
         if self._memory.disc_blocked((pose.x, pose.y), self._footprint.circumscribed_radius):

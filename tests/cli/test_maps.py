@@ -46,13 +46,13 @@ class TestMaps:
         rows = ["." * 24, "." * 24, "#" * 21 + "...", "." * 24, "." * 24, "..." + "#" * 21, "." * 24, "." * 24]
         name = files / "serpentine.txt"
         name.write_text("\n".join(rows))
-        content = map_scenario(str(name), 0.3, "0.45,0.3", "6.6,2.1")
+        content = map_scenario(str(name), 0.3, "6.6,0.3", "0.45,2.1")
         straight = 120.0 + 30.0 * math.hypot(6.15, 1.8)
         assert 120.0 + 30.0 * (3 * 5.5) < content["time_limit"] < 120.0 + 30.0 * 25.0
         assert content["time_limit"] > 1.5 * straight
         name.write_text("\n".join([*rows[:2], "#" * 24, *rows[3:]]))
         with pytest.warns(UserWarning, match=r"serpentine.txt: no way from start to goal .* straight line, 6\.4 m"):
-            closed = map_scenario(str(name), 0.3, "0.45,0.3", "6.6,2.1")
+            closed = map_scenario(str(name), 0.3, "6.6,0.3", "0.45,2.1")
         assert closed["time_limit"] == round(straight)
 
     def test_a_path_through_unknown_is_said(self, call: Call, files: Path) -> None:

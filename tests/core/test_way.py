@@ -16,7 +16,7 @@ from robocar.core.way import find_way, length_over, through
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), share=st.floats(0.0, 0.25))
 def test_on_large_maps_the_way_is_at_most_8_percent_longer(seed: int, share: float) -> None:
-    """The wave over lattice lines against the shortest path: 7/5 for a diagonal is 1 % short, octile ways are up to 8.3 % long."""
+    """The wave over lattice lines against the shortest path: 7/5 for a diagonal is 1 % short, octile ways up to 8.3 % long."""
     rng = np.random.default_rng(seed)
     grid = OccupancyGrid(np.where(rng.random((40, 50)) < share, OCCUPIED, 0).astype(np.int8), 0.1, SE2(1.0, -2.0, 0.7))
     start, goal = grid.origin.transform(rng.uniform([0.5, 0.5], [4.5, 3.5], (2, 2)))

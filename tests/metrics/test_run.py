@@ -17,6 +17,7 @@ from robocar.metrics import run as metrics
 ALWAYS = {  # design, section 9
     "duration",
     "path_length",
+    "unknown_length",
     "shortest_path_length",
     "spl",
     "min_clearance",
@@ -272,6 +273,7 @@ def test_summary_of_a_straight_drive() -> None:
     expected = {
         "duration": 4.0,
         "path_length": 2.0,
+        "unknown_length": 0.0,
         "shortest_path_length": 2.0,
         "spl": 1.0,
         "min_clearance": 0.4,
@@ -306,6 +308,7 @@ def test_short_runs(n: int) -> None:
     from_ticks = {
         "duration",
         "path_length",
+        "unknown_length",
         "spl",
         "min_clearance",
         "mean_clearance",
