@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 import robocar
-from robocar.core import SE2, OccupancyGrid, ParameterError
+from robocar.core import SE2, STOP, Done, OccupancyGrid, ParameterError
+from robocar.episode.exploration import EXPLORED
 from robocar.episode.map_watch import decided
 from robocar.episode.replay import replay
 from robocar.episode.result import RunResult
 from robocar.formats import load_map
 from robocar.metrics.map import on_common_cells
+from robocar.planners.exploration.explore import Explore
 from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
 from robocar.sim.robot_model import RobotModel
@@ -210,3 +212,22 @@ def test_the_map_of_python_robotics_scan(tmp_path: Path, data_dir: Path) -> None
     windows = np.array([grid.occupied[r - 1 : r + 2, c - 1 : c + 2].any() for r, c in cells])
     assert windows.all()
     assert math.isclose(grid.resolution, 0.02)
+
+
+@pytest.mark.parametrize("lidar", ["scan360", "hokuyo"])
+def test_an_exploration_whose_laser_is_dead_is_no_success(lidar: str) -> None:
+    """All beams are lost: it stands, says so and gives up."""
+    settings = {"robot.lidar": lidar, "robot.sensors.lidar.dropout": 1.0}
+    result = robocar.run("tilted", navigator="explore", estimator="truth", mapper="laser", settings=settings)
+    assert (result.status, result.reason) == ("stuck", "no reading of the laser, all are lost for 6 s")
+    assert result.value("path_length") == pytest.approx(0.0, abs=0.02)
+
+
+def test_an_exploration_that_stops_early_has_missed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The navigator says that it is done while a wall hides half of the room: `map/explored` decides."""
+    monkeypatch.setattr(Explore, "command", lambda self, state, observation, goal: Done("I am tired") if state.map else STOP)
+    result = robocar.run("thesis-rooms", navigator="explore", estimator="truth", mapper="laser")
+    share = result.value("map/explored")
+    assert share is not None
+    assert share < EXPLORED
+    assert (result.status, f"{share:.1%} of the area" in result.reason) == ("missed", True)
