@@ -124,7 +124,8 @@ def test_where_the_map_shows_no_way_it_says_so_and_does_not_move(planner: str) -
     """A wall through the whole map."""
     world = room((2.0, 0.0, 2.2, 3.0))
     drives = drive(navigator(planner, world), fit_out(planner), world, START, GOAL, ticks=600)
-    assert (drives.status, drives.reason[-34:]) == ("no_path", "the map proves that there is none")
+    assert drives.status == "no_path", drives.reason
+    assert drives.reason.endswith("; the map proves that there is none")
     assert max(abs(pose.x - START.x) for pose in drives.poses) < 0.05
 
 
