@@ -54,8 +54,11 @@ def _name(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
-def navigator(name: str, prior: OccupancyGrid | None) -> Navigator:
-    return build("navigator", name, context(fit_out(name), prior, START))
+def navigator(name: str, prior: OccupancyGrid | None, **settings: object) -> Navigator:
+    """With a small budget for random trees: it is used up where there is no way."""
+    if name.startswith("rrt"):
+        settings = {"planner": {"max_samples": 3000}} | settings
+    return build("navigator", name, context(fit_out(name), prior, START, **settings))
 
 
 @pytest.mark.parametrize("known", [True, False], ids=["map", "no map"])
@@ -132,7 +135,7 @@ def test_where_the_map_shows_no_way_it_says_so_and_does_not_move(planner: str) -
 @pytest.mark.parametrize("planner", sorted(name for name in PLANNERS if name.startswith("rrt")))
 def test_a_budget_that_ran_out_is_no_proof(planner: str) -> None:
     world = room((2.0, 0.0, 2.2, 2.4))
-    nav = build("navigator", planner, context(fit_out(planner), world, START, planner={"max_samples": 1}))
+    nav = navigator(planner, world, planner={"max_samples": 1})
     drives = drive(nav, fit_out(planner), world, START, GOAL, ticks=600)
     assert (drives.status, drives.reason[:16]) == ("stuck", "budget exhausted")
 
@@ -145,6 +148,6 @@ def test_unknown_cells_are_free_unless_they_are_forbidden(planner: str, allowed:
     data[20:40, 40:44] = UNKNOWN
     own = planner == "dynamic-a-star"
     settings = {"allow_unknown": allowed} if own else {"costmap": {"allow_unknown": allowed}}
-    nav = build("navigator", planner, context(fit_out(planner), OccupancyGrid(data, 0.05), START, **settings))
+    nav = navigator(planner, OccupancyGrid(data, 0.05), **settings)
     drives = drive(nav, fit_out(planner), world, START, GOAL, ticks=1600 if allowed else 300)
     assert drives.status == ("success" if allowed else "stuck"), drives.reason
