@@ -54,7 +54,7 @@ from robocar.planners.geometry.polyline import nearest_on_path
 
 _CAREFUL = {"footprint_padding": 0.02, "lookahead_dist": 0.15}
 _SAME = 0.3  # [m] frontiers that are nearer to each other than this are one that has changed
-_SILENCE = 0.5  # [s] without a reading after which it stands
+_SILENCE = 0.5  # [s] without a reading, or two and a half periods of the sensor, after which it stands
 _GIVE_UP_REACH = 3  # [cells] around what was looked for in vain
 
 
@@ -142,6 +142,8 @@ class Explore:
         self._nothing_since: float | None = None
         self._decisions = 0
         self._ranging = "sonars" if robot.lidar is None else "laser"
+        sensors = robot.sonars if robot.lidar is None else (robot.lidar,)
+        self._silence = max([_SILENCE, *(2.5 * sensor.period for sensor in sensors)])
         self._read_at: float | None = None  # when a range sensor gave a reading [s]
         self._grid: OccupancyGrid | None = None
         self._local: Costmap | None = None  # around the robot, the unknown free in it
@@ -192,7 +194,7 @@ class Explore:
         scans = observation.sonars if self._ranging == "sonars" else observation.lidars
         if whole or self._read_at is None or any(not np.isnan(scan.ranges).all() for scan in scans):
             self._read_at = time
-        if time - self._read_at <= _SILENCE:
+        if time - self._read_at <= self._silence:
             return None
         self._errand, message = None, f"no reading of the {self._ranging}, all are lost"
         if time - self._read_at > self.parameters.patience:
