@@ -78,6 +78,7 @@ class Bug:
         self._hits = np.empty((0, 2))
         self._counted: Array | float | None = None
         self._note = ""
+        self._arrived = False
         self._cramped = True  # until it has been seen that it can turn where it starts
         self._escape, self._lookout, self._walls = Escape(robot, _ROOM), Lookout(_LOOKS), np.empty((0, 4))
         self._gap = 2.0 * robot.footprint.inscribed_radius
@@ -96,7 +97,11 @@ class Bug:
             self._motion.stand(observation.time)
             return STOP
         centre = self.circle.centre(pose)
-        if math.dist(centre, goal.position) <= STOPPING_SHARE * goal.xy_goal_tolerance:
+        # The circle's centre moves while the car turns on the spot: once there, the car's own place decides.
+        near = goal.xy_goal_tolerance if self._arrived else 0.0
+        self._arrived = math.dist(pose.position, goal.position) <= near
+        self._arrived |= math.dist(centre, goal.position) <= STOPPING_SHARE * goal.xy_goal_tolerance
+        if self._arrived:
             return Drive(self._align(pose, goal, observation.time))
         view = BugView(
             observation.time,

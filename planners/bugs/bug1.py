@@ -33,7 +33,7 @@ class _Round:
 
 
 class Bug1:
-    """The strategy. A goal that is not to be seen from the leave point is unreachable: `no_path`."""
+    """The strategy. A goal that is not to be seen from the leave point is unreachable: it gives up."""
 
     def __init__(self) -> None:
         self._round: _Round | None = None

@@ -23,7 +23,7 @@ _CLOSER = 0.1  # [m] to the goal than where the obstacle was hit
 
 
 class Bug2:
-    """The strategy. Back at the hit point without having met the line closer to the goal, there is no way: `no_path`."""
+    """The strategy. Back at the hit point without having met the line closer to the goal, there is no way: it gives up."""
 
     def __init__(self) -> None:
         self._start: Array | None = None

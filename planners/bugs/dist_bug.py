@@ -22,7 +22,7 @@ _STEP = 0.2  # [m] the improvement that leaving has to promise
 
 
 class DistBug:
-    """The strategy. Back at the hit point without a reason to leave, there is no way: `no_path`."""
+    """The strategy. Back at the hit point without a reason to leave, there is no way: it gives up."""
 
     def __init__(self) -> None:
         self._boundary: Boundary | None = None

@@ -23,7 +23,7 @@ _FOLLOWED = 0.3  # [m] beyond the virtual circle: what is nearer belongs to the 
 
 
 class TangentBug:
-    """The strategy. Once round a boundary without a reason to leave it, there is no way: `no_path`."""
+    """The strategy. Once round a boundary without a reason to leave it, there is no way: it gives up."""
 
     def __init__(self) -> None:
         self._node: Array | None = None

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from robocar.core import LETHAL, NO_INFORMATION, SE2, Costmap, Footprint, GridMap, Observation, OccupancyGrid, Robot, Scan
 from robocar.core.compiling import trial_robot, warm_up
+from robocar.core.way import length_over
 from robocar.planners.costmap.inflation_layer import inflate_window, inflation_kernel
 from robocar.planners.costmap.obstacle_layer import HIT, commit, forget_disc, mark_laser, mark_sonar
 
@@ -128,8 +129,8 @@ class LayeredCostmap:
 
     def __init__(self, prior: OccupancyGrid | None, robot: Robot, parameters: CostmapParameters | None = None) -> None:
         self.parameters = parameters or CostmapParameters()
-        self._prior = prior
-        self._inscribed_radius = robot.footprint.inscribed_radius
+        self.prior = prior
+        self.inscribed_radius = robot.footprint.inscribed_radius
         p = self.parameters
         self._mark_reach = p.obstacle_max_range if robot.lidar is not None else p.sonar_obstacle_max_range
         self.version = 0
@@ -139,14 +140,14 @@ class LayeredCostmap:
 
     def clear(self) -> None:
         """Forgets everything that was seen."""
-        if self._prior is not None:
-            self._set_ground(*split_prior(self._prior, self.parameters), self._prior.origin)
+        if self.prior is not None:
+            self._set_ground(*split_prior(self.prior, self.parameters), self.prior.origin)
         elif self._place is not None:
             self._set_ground(np.zeros_like(self._solid), self._place.resolution, self._place.origin)
 
     def cover(self, points: ArrayLike) -> None:
         """Without a prior map: grows the grid so that world points (n, 2) [m] have free space around them."""
-        if self._prior is not None:
+        if self.prior is not None:
             return
         points = np.asarray(points, dtype=float).reshape(-1, 2)
         resolution, room = self.parameters.resolution, self.parameters.free_space
@@ -178,6 +179,10 @@ class LayeredCostmap:
             self._integrate(pose, scan)
         return self.version != before
 
+    def unknown_length(self, points: ArrayLike) -> float:
+        """How much of a polyline (n, 2) [m] leads over cells that the prior map does not know [m]."""
+        return 0.0 if self.prior is None else length_over(self.prior, self.prior.unknown, points)
+
     def costmap(self) -> Costmap:
         """The costs as they are now; the same object until they change.
 
@@ -204,11 +209,11 @@ class LayeredCostmap:
         np.maximum(self._solid, LETHAL, out=self._solid, where=self._evidence >= HIT)
         self._near_hit = np.zeros((rows, cols), dtype=np.bool_)
         self._costs = np.empty((rows, cols), dtype=np.uint8)
-        self._kernel = _kernel(resolution, self._inscribed_radius, self.parameters)
+        self._kernel = _kernel(resolution, self.inscribed_radius, self.parameters)
         # Cells whose hits the prior map explains; the tolerance is drawn around its obstacles like an inflation.
         near = inflation_kernel(resolution, self.parameters.prior_tolerance, 0.0, 0.0, 0.0)
         self._explained = np.empty((rows, cols), dtype=np.uint8)
-        self._walled = self.parameters.walled and self._prior is not None
+        self._walled = self.parameters.walled and self.prior is not None
         obstacles = np.where(ground == LETHAL, ground, 0).astype(np.uint8)
         inflate_window(obstacles, near, self._explained, self._walled, 0, rows, 0, cols)
         self._touched = np.empty(1024, dtype=np.int64)
@@ -243,7 +248,7 @@ class LayeredCostmap:
             )  # fmt: skip
         n, self._touched = forget_disc(
             evidence, self._touched, n, grid_from_robot.x / resolution, grid_from_robot.y / resolution,
-            self._inscribed_radius / resolution,
+            self.inscribed_radius / resolution,
         )  # fmt: skip
         r0, r1, c0, c1 = commit(evidence, self._ground, self._solid, self._touched, n)
         if r1 > r0:

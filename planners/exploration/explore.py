@@ -25,6 +25,7 @@ from robocar.core import (
     Costmap,
     Done,
     Drive,
+    GiveUp,
     GlobalPlanner,
     Goal,
     Lines,
@@ -53,6 +54,7 @@ from robocar.planners.geometry.polyline import nearest_on_path
 
 _CAREFUL = {"footprint_padding": 0.02, "lookahead_dist": 0.15}
 _SAME = 0.3  # [m] frontiers that are nearer to each other than this are one that has changed
+_SILENCE = 0.5  # [s] without a reading, or two and a half periods of the sensor, after which it stands
 _GIVE_UP_REACH = 3  # [cells] around what was looked for in vain
 
 
@@ -115,6 +117,8 @@ class _Errand:
 class Explore:
     """The navigator `explore`: ends with `Done` when no frontier is left that it can come to.
 
+    Whether that is a success its map decides (`robocar.episode.exploration`).
+
     Args:
         robot: for its footprint, and whether it has a laser.
         planner: of the ways to frontiers.
@@ -137,6 +141,10 @@ class Explore:
         self._decided = -math.inf
         self._nothing_since: float | None = None
         self._decisions = 0
+        self._ranging = "sonars" if robot.lidar is None else "laser"
+        sensors = robot.sonars if robot.lidar is None else (robot.lidar,)
+        self._silence = max([_SILENCE, *(2.5 * sensor.period for sensor in sensors)])
+        self._read_at: float | None = None  # when a range sensor gave a reading [s]
         self._grid: OccupancyGrid | None = None
         self._local: Costmap | None = None  # around the robot, the unknown free in it
         self._closed: Costmap | None = None  # the same with the unknown as obstacle, where the robot looks around
@@ -144,7 +152,9 @@ class Explore:
         _warm_up()
 
     def command(self, state: State, observation: Observation, goal: Goal | None) -> Command:
-        """Next command; `goal` does not matter. It waits while there is no map yet."""
+        """Next command; `goal` does not matter. It waits while there is no map yet, and gives up where its sensors are dead."""
+        if (blind := self._blind(state, observation)) is not None:
+            return blind
         grid, pose, time = None if state.map is None else state.map.grid(), state.belief.pose, observation.time
         if grid is None:
             return STOP
@@ -176,6 +186,20 @@ class Explore:
         seen = self._closed if self._closed is not None and self._stands_free(self._closed, pose) else self._local
         command = self._follower.drive(state, self._errand.path, seen, observation, self._errand.goal)
         return replace(command, trace={**command.trace, **trace}, work=work) if trace else command
+
+    def _blind(self, state: State, observation: Observation) -> Command | None:
+        """It stands where no range sensor has given a reading for a while, lost beams are none; in the end it gives up."""
+        time = observation.time
+        whole = state.map is not None and state.map.complete  # a camera sees instead
+        scans = observation.sonars if self._ranging == "sonars" else observation.lidars
+        if whole or self._read_at is None or any(not np.isnan(scan.ranges).all() for scan in scans):
+            self._read_at = time
+        if time - self._read_at <= self._silence:
+            return None
+        self._errand, message = None, f"no reading of the {self._ranging}, all are lost"
+        if time - self._read_at > self.parameters.patience:
+            return GiveUp(f"{message} for {self.parameters.patience:g} s")
+        return replace(STOP, trace={"plan": Text(f"{message}: standing", "WARN")})
 
     # -- when to think again ----------------------------------------------------------------------------------------------
 

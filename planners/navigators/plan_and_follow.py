@@ -13,6 +13,7 @@ from robocar.core import (
     SE2,
     STOP,
     Array,
+    BudgetExhausted,
     Command,
     Context,
     Controller,
@@ -39,12 +40,14 @@ from robocar.core import (
 )
 from robocar.core.compiling import warm_up
 from robocar.core.trace import PLAN_COLOR, LazyTrace, merged, transformed
+from robocar.core.way import through
 from robocar.core.work import Work, total
 from robocar.planners.controllers.pure_pursuit import STOPPING_SHARE
 from robocar.planners.costmap import layered as layered
 from robocar.planners.costmap.layered import LayeredCostmap
 from robocar.planners.costmap.rolling import RollingCostmap, RollingCostmapParameters
 from robocar.planners.geometry.polyline import blocked_ahead, nearest_on_path
+from robocar.planners.geometry.reachability import Proof
 from robocar.planners.navigators import recovery as behaviours
 from robocar.planners.navigators.local_frame import LocalFrame
 from robocar.planners.navigators.recovery import Recovery, Watch, standing
@@ -96,6 +99,7 @@ class PlanAndFollow:
     It plans for every new goal, and again when what is seen blocks the rest of the path or the robot has left it. Where there is
     no path, the obstacle layer, which holds misplaced echoes too, is forgotten and the plan tried again; if that fails, or if it
     has been done less than `clearing_distance` ago or `max_clearings` times, the navigator gives up with the planner's reason.
+    It claims `no_path` only where the prior map proves it.
 
     Args:
         local_costmap: what the controller is given, a window around the robot; by default the planner's costmap.
@@ -125,6 +129,7 @@ class PlanAndFollow:
         self._clearings = 0
         self._bare = False
         self._frame = LocalFrame()
+        self._proof = Proof(costmap.prior, costmap.inscribed_radius, costmap.parameters.walled)
         _warm_up()
 
     def _clear(self) -> None:
@@ -133,10 +138,11 @@ class PlanAndFollow:
             self.local_costmap.clear()
 
     def command(self, state: State, observation: Observation, goal: Goal | None) -> Command:
-        """Next command; `GiveUp` (`no_path`) where the planner finds no way."""
+        """Next command; `GiveUp` where the planner finds no way."""
         if goal is None:
             return GiveUp("a navigator that plans needs a goal")
         pose = state.belief.pose
+        self._proof.begin(pose.position)
         new_goal = self._goal is None or not _same_goal(goal, self._goal)
         if new_goal:
             self._clearings = 0
@@ -164,7 +170,8 @@ class PlanAndFollow:
                 plan = self._plan(pose, goal)
             except PlanningError as error:
                 self._goal, self._path = goal, None
-                return self._failed(here, time, GiveUp(str(error), trace=error.trace), error)
+                command = self._failed(here, time, GiveUp.because(error), error)
+                return self._proof.judged(command, pose.position, goal) if isinstance(command, GiveUp) else command
             work = plan.work if new_goal else {"replans": 1, **plan.work}
             self._goal, self._planned_at = goal, time
             self._follow(plan.path)
@@ -206,7 +213,9 @@ class PlanAndFollow:
         become free.
         """
         recovery = self.recovery
-        hopeless = isinstance(error, OutsideMap) or (self._bare and isinstance(error, NoPathFound | GoalOccupied))
+        hopeless = isinstance(error, OutsideMap) or (
+            self._bare and isinstance(error, NoPathFound | BudgetExhausted | GoalOccupied)
+        )
         if recovery is None or self._watch is None or hopeless:
             self._goal = None
             return failure
@@ -299,6 +308,8 @@ class PlanAndFollow:
         costmap = self.costmap.costmap()
         took = ", ".join(f"{count} {unit}" for unit, count in plan.work.items())
         message = f"{reason}: path of {plan.path.length:.2f} m, {took}"
+        if unknown := self.costmap.unknown_length(plan.path.points):
+            message += f"; {through(unknown, plan.path.length)}"
         return merged(
             {"global": Lines((plan.path.points,), color=PLAN_COLOR, radius=0.012), "plan": Text(message)},
             LazyTrace({"costmap" if self.local_costmap is None else "costmap/global": lambda: Field(costmap)}),

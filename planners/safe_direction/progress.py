@@ -107,7 +107,9 @@ class SafeDirectionProgress:
             self._waiting_since = time
         if time - self._waiting_since >= self._parameters.wait_time:
             x, y = goal.position
-            return GiveUp(f"obstacles all round: no way to the goal ({x:.2f}, {y:.2f}) is in sight", "no_path")
+            return GiveUp(
+                f"no way to the goal ({x:.2f}, {y:.2f}) in sight that is wide enough: obstacles all round, or too tight"
+            )
         return _standing("no way in sight: waiting")
 
 

@@ -142,7 +142,7 @@ class RRT:
 
         Raises:
             OutsideMap, StartOccupied, GoalOccupied: see `grid_search.endpoints`.
-            BudgetExhausted: no path after `max_samples` (a `NoPathFound`); its trace holds the tree.
+            BudgetExhausted: no path after `max_samples`; its trace holds the tree.
         """
         endpoints(costmap, start, goal)
         p, resolution = self.parameters, costmap.resolution
@@ -162,7 +162,9 @@ class RRT:
         if len(grown.path) == 0:
             (x0, y0), (x1, y1) = np.asarray(start), np.asarray(goal)
             raise BudgetExhausted(
-                f"no way from ({x0:.3f}, {y0:.3f}) to ({x1:.3f}, {y1:.3f}) found with {samples} samples (max_samples)", trace
+                f"budget exhausted: no way from ({x0:.3f}, {y0:.3f}) to ({x1:.3f}, {y1:.3f}) found with {samples} samples "
+                "(max_samples)",
+                trace,
             )
         points = np.empty((max(2, len(grown.path)), 2))
         points[:] = costmap.origin.transform(grown.path * resolution)

@@ -16,14 +16,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robocar.core import (
     SE2,
+    STOP,
     Array,
     Command,
     Context,
@@ -44,14 +43,18 @@ from robocar.core import (
     wrap_angle,
 )
 from robocar.core.trace import PLAN_COLOR, Drawable, LazyTrace
+from robocar.core.way import length_over, through
 from robocar.planners.geometry.escape import CELLS, MARGIN, Escape
+from robocar.planners.geometry.reachability import Proof
 from robocar.planners.search import a_star
 from robocar.planners.search.car_lattice import CarLattice
+from robocar.planners.search.clear_legs import search_clear_legs
 from robocar.planners.search.dynamic_a_star_parameters import DynamicAStarParameters
 from robocar.planners.search.obstacle_memory import ObstacleMemory
 
 Makers: TypeAlias = dict[str, Callable[[], Drawable]]  # of drawables by name, called when somebody looks, within the tick
 
+_STOPPING_SHARE = 0.5  # of the goal's tolerances: where it turns to the heading, and where it stands
 _ROOM = 0.005  # [m] free around the circumscribed circle, where a way out of a tight place ends
 
 
@@ -64,6 +67,7 @@ class DynamicAStar:
         self._prior = context.prior
         self._parameters = context.parameters_of(DynamicAStarParameters)
         self._footprint = context.robot.footprint
+        self._proof = Proof(context.prior, context.robot.footprint.inscribed_radius)
         self._keep(self._parameters.margin)
         looks_sideways = any(abs(math.sin(s.robot_from_sensor.theta)) > 0.7 for s in context.robot.sonars)
         sees_around = looks_sideways or context.robot.lidar is not None
@@ -100,6 +104,7 @@ class DynamicAStar:
         if goal is None:
             return GiveUp("dynamic-a-star needs a goal")
         pose = state.belief.pose
+        self._proof.begin(pose.position)
         memory = self._prepare(pose, goal)
         if state.map is not None and state.map.complete:  # a camera above the field: the thesis' other source of obstacles
             self._look_around = self._parameters.look_around == "always"
@@ -112,6 +117,8 @@ class DynamicAStar:
                 memory.mark(pose, scan, self._parameters.hit_range, self._parameters.free_range)
         if (escaping := self._get_out(pose)) is not None:
             return escaping
+        if goal.heading is not None and math.dist(pose.position, goal.position) <= _STOPPING_SHARE * goal.xy_goal_tolerance:
+            return self._align(pose, goal, goal.heading)
         shown: Makers = {}
         work: dict[str, int] = {}
         if self._planned_to is None or (not self._retreating and self._must_replan(pose)):
@@ -128,7 +135,10 @@ class DynamicAStar:
             else:
                 rows, cols = lattice.shape
                 origin, extent = lattice.origin, (cols * lattice.cell_size, rows * lattice.cell_size)
-            self._lattice, self._memory = lattice, ObstacleMemory(origin, extent, self._prior, self._parameters.prior_tolerance)
+            self._lattice, self._memory = (
+                lattice,
+                ObstacleMemory(origin, extent, self._prior, self._parameters.prior_tolerance, self._parameters.allow_unknown),
+            )
             self._blocked = np.zeros(lattice.shape, dtype=bool)
         return self._memory
 
@@ -170,7 +180,7 @@ class DynamicAStar:
         for start in start_cells:
             for end in goal_cells:
                 try:
-                    plan, points = self._search_clear_legs(start, end)
+                    plan, points = search_clear_legs(self._search, lattice, memory, self._half_width, self._blocked, (start, end))
                 except PlanningError as error:
                     reason = str(error)
                     continue
@@ -186,6 +196,8 @@ class DynamicAStar:
                 work |= {"replans": again, **plan.work} if again else plan.work
                 self._counted += again
                 took = f"{plan.path.length:.2f} m, {plan.work['expansions']} expansions"
+                if self._prior is not None and (unknown := length_over(self._prior, self._prior.unknown, drawn)):
+                    took += f"; {through(unknown, float(np.linalg.norm(np.diff(drawn, axis=0), axis=1).sum()))}"
                 shown["status"] = partial(Text, f"plan {self._plans}: {len(self._way)} cells, {took}")
                 return None
         if self._spin is not None:  # still looking around
@@ -201,7 +213,7 @@ class DynamicAStar:
             self._spin = (math.tau, pose.theta)
             shown["status"] = partial(Text, f"no way left ({reason}); forgetting all echoes and looking again", "WARN")
         else:
-            return GiveUp(f"no way to the goal through free cells: {reason}")
+            return self._proof.judged(GiveUp(f"no way to the goal through free cells: {reason}"), pose.position, goal)
         self._way, self._planned_to = [], None
         return Drive(Twist(), trace=LazyTrace(shown), work=work)
 
@@ -245,48 +257,6 @@ class DynamicAStar:
                 if not memory.way_blocked(start, end, self._half_width, self._overhang if to_point else 0.0):
                     found.append((math.dist(centre, point), (r, c)))
         return [cell for _, cell in sorted(found)[:4]]
-
-    def _search_clear_legs(self, start: tuple[int, int], end: tuple[int, int]) -> tuple[Plan, list[Array]]:
-        """The path between two cells on which the car can also drive from each centre to the next.
-
-        Cells are free where the car can turn; what stands between two of them shows up only when a path uses both. The cell
-        behind such a leg is then taken as blocked, and the search repeated.
-
-        Raises:
-            PlanningError: there is none.
-        """
-        lattice = self._lattice
-        assert lattice is not None
-        blocked = self._blocked.copy()
-        while True:
-            costmap = lattice.costmap(blocked)
-            plan = self._search.plan(costmap, costmap.world_from_cell(start), costmap.world_from_cell(end))
-            points, obstructed = self._legs(plan.path.points, blocked)
-            if obstructed is None:
-                return plan, points
-            blocked[obstructed if obstructed != end else lattice.cell(points[-1])] = True
-
-    def _legs(self, points: Array, blocked: NDArray[np.bool_]) -> tuple[list[Array], tuple[int, int] | None]:
-        """The points of a path up to the first leg that is obstructed, and the cell that this leg leads to.
-
-        A diagonal leg between whose cells something stands is driven around the corner where that is clear.
-        """
-        lattice, memory = self._lattice, self._memory
-        assert lattice is not None and memory is not None
-        way = [points[0]]
-        for here, there in pairwise(points):
-            if memory.way_blocked(here, there, self._half_width, 0.0):
-                (r0, c0), (r1, c1) = lattice.cell(here), lattice.cell(there)
-                corners = [np.array(lattice.centre(cell)) for cell in ((r0, c1), (r1, c0)) if r0 != r1 and c0 != c1]
-                for corner in corners:
-                    legs = ((here, corner), (corner, there))
-                    if not any(memory.way_blocked(a, b, self._half_width, 0.0) for a, b in legs):
-                        way.append(corner)
-                        break
-                else:
-                    return way, (r1, c1)
-            way.append(there)
-        return way, None
 
     def _is_blocked(self, cell: tuple[int, int]) -> bool:
         lattice, memory = self._lattice, self._memory
@@ -376,6 +346,16 @@ class DynamicAStar:
         """Turning rate towards a heading: slows down in time to stop there."""
         top = min(self._parameters.turn_rate, math.sqrt(2.0 * 0.5 * self._robot.limits.acc_lim_theta * abs(error)))
         return math.copysign(max(top, 0.15), error)
+
+    def _align(self, pose: SE2, goal: Goal, heading: float) -> Command:
+        """At the goal: stand, or turn to its heading where the car has the room to turn."""
+        error = wrap_angle(heading - pose.theta)
+        if abs(error) <= _STOPPING_SHARE * goal.yaw_goal_tolerance:
+            return STOP
+        assert self._memory is not None
+        if self._memory.disc_blocked((pose.x, pose.y), self._footprint.circumscribed_radius):
+            return GiveUp(f"no room to turn to the goal's heading at ({pose.x:.2f}, {pose.y:.2f})")
+        return Drive(Twist(0.0, self._rate(error)))
 
     def _turn_on(self, pose: SE2) -> Twist:
         """Goes on with the full turn."""

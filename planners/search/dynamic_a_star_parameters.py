@@ -13,6 +13,7 @@ class DynamicAStarParameters:
         metric: of the A* search, see `robocar.planners.search.a_star`: `octile`, or `thesis` for its Manhattan heuristic.
         look_around: turn 360 degrees in each new cell: `auto` does where no sonar looks sideways.
         cell_size: of the lattice [m].
+        allow_unknown: whether unknown cells of the prior map count as free; else as obstacles.
         margin: room that the footprint keeps [m]; given up where no way is left with it.
         prior_tolerance: an echo this near to what the prior shows (its edge included) is that, seen from a drifted pose [m].
         hit_range: echoes from farther away are not marked [m]; free_range: nor is what lies before them taken back beyond
@@ -23,6 +24,7 @@ class DynamicAStarParameters:
     metric: Literal["octile", "thesis"] = "octile"
     look_around: Literal["auto", "always", "never"] = "auto"
     cell_size: float = 0.30
+    allow_unknown: bool = True
     margin: float = 0.015
     prior_tolerance: float = 0.08
     hit_range: float = 0.65

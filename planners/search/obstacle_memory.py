@@ -108,15 +108,21 @@ class ObstacleMemory:
     """What the car knows of obstacles: the prior map, and echoes since, on a fine grid that grows as needed."""
 
     def __init__(
-        self, world_from_lattice: SE2, extent: tuple[float, float], prior: OccupancyGrid | None, tolerance: float
+        self,
+        world_from_lattice: SE2,
+        extent: tuple[float, float],
+        prior: OccupancyGrid | None,
+        tolerance: float,
+        allow_unknown: bool = True,
     ) -> None:
-        """`extent` is the size along the lattice's axes [m]; a prior has the lattice's frame and extent; `tolerance` see
-        `robocar.planners.search.dynamic_a_star.DynamicAStarParameters.prior_tolerance`."""
+        """`extent` is the size along the lattice's axes [m]; a prior has the lattice's frame and extent; `tolerance` and
+        `allow_unknown` see `robocar.planners.search.dynamic_a_star_parameters`."""
         self.resolution = FINE
         if prior is not None:
             split = max(1, math.ceil(prior.resolution / FINE - 1e-9))
             self.resolution = prior.resolution / split
-            known = (prior.occupied | prior.unknown).repeat(split, axis=0).repeat(split, axis=1)
+            solid = prior.occupied if allow_unknown else prior.occupied | prior.unknown
+            known = solid.repeat(split, axis=0).repeat(split, axis=1)
             outside = np.pad(known, 1, constant_values=True)
             room = np.asarray(distance_transform_edt(~outside)) * self.resolution
             self._evidence = np.where(outside, _PRIOR, np.where(room <= tolerance, _EXPLAINED, 0)).astype(np.int8)

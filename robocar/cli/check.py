@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import tyro
 
 from robocar.cli.output import Flag, complain, fail, put
+
+if TYPE_CHECKING:
+    from robocar.scenario.scene import Scene
 
 
 def check_files(
@@ -75,10 +79,36 @@ def check(path: Path, resolution: float | None, subject: int | None = None) -> s
     except ValueError as error:
         raise RobocarError(f"{path}: the world cannot be built: {error}") from error
     width, height = scene.grid.size
+    remarks = [] if (text := _through_unknown(scene)) is None else [f"  warning: {text}"]
     prior = {"none": "no prior map", "truth": "the map is known"}.get(scenario.prior, f"prior map {scenario.prior}")
-    return (
+    facts = (
         f"{path}: scenario, {width:g} x {height:g} m, {prior}, {len(scenario.unknown_obstacles)} unknown obstacles, "
         f"{len(scene.movers)} movers, {len(scene.landmarks)} landmarks, at most {scenario.time_limit:g} s"
+    )
+    return "\n".join([facts, *remarks])
+
+
+def _through_unknown(scene: Scene) -> str | None:
+    """How much of the map is unknown, and whether the way to the goal leads there; None where nothing is."""
+    from robocar.core.way import LARGEST, find_way, length_over, through
+
+    grid = scene.grid if scene.prior is None else scene.prior
+    if not grid.unknown.any():
+        return None
+    text = f"{grid.unknown.mean():.1%} of the map are unknown, and free floor to the robot"
+    if scene.goal is None or grid.data.size > LARGEST:
+        return text
+    radius = scene.scenario.robot_model().footprint.inscribed_radius
+    way = find_way(grid, grid.occupied, scene.start.position, scene.goal.position, radius)
+    if way is None:
+        return text + "; no way leads to the goal"
+    known = find_way(grid, grid.occupied | grid.unknown, scene.start.position, scene.goal.position, radius)
+    return "; ".join(
+        [
+            text,
+            f"shortest {through(length_over(grid, grid.unknown, way.points), way.length)}",
+            "no way is known all along" if known is None else f"the way through known cells has {known.length:.1f} m",
+        ]
     )
 
 

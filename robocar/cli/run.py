@@ -106,12 +106,16 @@ def find_modules_here(*names: str | None) -> None:
 
 
 def _report(result: RunResult, as_json: bool, debug: bool) -> int:
+    from robocar.core.way import through
     from robocar.reporting.terminal import metrics_table, say
 
     say(metrics_table(result))
     if result.traceback and debug:
         say(result.traceback)
     say(f"{result.status}: {result.reason}")
+    unknown, length = (result.metrics.get(name, {}).get("value") for name in ("unknown_length", "path_length"))
+    if unknown:
+        say(through(unknown, length or 0.0))
     if result.directory is not None:
         say(f"run directory: {result.directory}")
     if result.recording is not None:

@@ -18,6 +18,7 @@ from robocar.core.errors import (
     ScenarioError,
     StartOccupied,
     UnknownNameError,
+    Unreachable,
 )
 from robocar.core.footprint import Footprint
 from robocar.core.geometry import SE2, Array, Twist, frozen_array, wrap_angle, wrap_angles
@@ -116,6 +117,7 @@ __all__ = [
     "Trace",
     "Twist",
     "UnknownNameError",
+    "Unreachable",
     "WheelAngles",
     "declares",
     "frozen_array",

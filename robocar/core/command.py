@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
+from robocar.core.errors import PlanningError
 from robocar.core.geometry import Twist, plain_number
 from robocar.core.trace import Trace
 from robocar.core.work import Work
@@ -51,22 +52,32 @@ class Hold(_Decision):
 
 @dataclass(frozen=True, slots=True)
 class Done(_Decision):
-    """The task is finished (for tasks without a goal, such as exploration)."""
+    """The task is finished, for tasks without a goal, such as exploration; whether it is, the task's measure decides."""
 
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
 class GiveUp(_Decision):
-    """The navigator sees no way (`status` is `no_path`) or no progress (`stuck`)."""
+    """The navigator gives up.
+
+    Args:
+        reason: in words: a budget that ran out, a gap too tight for this planner, recoveries used up.
+        status: `stuck`; `no_path` is a claim about the world, for who has proved it: see `because`.
+    """
 
     reason: str
-    status: str = "no_path"
+    status: str = "stuck"
 
     def __post_init__(self) -> None:
         _Decision.__post_init__(self)
         if self.status not in ("no_path", "stuck"):
             raise ValueError(f"a navigator gives up with no_path or stuck, not {self.status!r}")
+
+    @classmethod
+    def because(cls, error: PlanningError) -> GiveUp:
+        """For a planner's reason, with the status that its class allows."""
+        return cls(str(error), error.status, trace=error.trace)
 
 
 Command: TypeAlias = Drive | Serial | Hold | Done | GiveUp

@@ -7,7 +7,7 @@ line prints it as one line and exits with status 2.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 
 class RobocarError(Exception):
@@ -55,9 +55,13 @@ class MapTooLarge(RobocarError):
 class PlanningError(RobocarError):
     """Root of the reasons for which a planner returns no plan.
 
+    `status` is what a navigator that gives up for this reason may claim: `stuck`, unless the class says that there is no way.
+
     Args:
         trace: what the planner shows of its search all the same, see `robocar.core.trace`.
     """
+
+    status: ClassVar[Literal["no_path", "stuck"]] = "stuck"
 
     def __init__(self, message: str = "", trace: Mapping[str, Any] | None = None) -> None:
         super().__init__(message)
@@ -77,8 +81,17 @@ class OutsideMap(PlanningError):
 
 
 class NoPathFound(PlanningError):
-    """Start and goal are not connected for this robot."""
+    """The search is complete, and found no way through this planner's cells.
+
+    This is no proof: cells are coarse, outlines are padded, and what was seen may have been misplaced or may go away.
+    """
 
 
-class BudgetExhausted(NoPathFound):
-    """The planner's budget of iterations, samples or expansions ran out before it found a path: perhaps there is none."""
+class Unreachable(NoPathFound):
+    """The map that the robot was given proves that there is no way (`robocar.planners.geometry.reachability`)."""
+
+    status = "no_path"
+
+
+class BudgetExhausted(PlanningError):
+    """The planner's budget of iterations, samples or expansions ran out before it found a path: there may be one."""

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
-from robocar.core import SE2, Belief, Command, Done, Drive, GiveUp, Goal, Serial, Twist, wrap_angle
+from robocar.core import SE2, Belief, Command, Done, Drive, GiveUp, Goal, MapView, Serial, Twist, wrap_angle
 from robocar.core.truth import GroundTruth
 from robocar.core.work import Work
 from robocar.episode.body import Body, Physics
 from robocar.episode.outcome import Outcome
 from robocar.episode.result import Effort
+
+Measure: TypeAlias = Callable[[SE2, MapView | None], tuple[bool, str]]
+"""Whether a task without a goal is done, and why, from the true pose at the beginning and the map that was drawn."""
 
 FORGETTING = 2.0  # [s] that a navigator may take to see that a mover has left the goal
 
@@ -53,18 +58,20 @@ class Tick:
 class Judge(Outcome):
     """Watches one robot, and says when its part of the episode is over and how it ended.
 
-    `status` is one of success, collision, timeout, stuck, no_path, missed (the robot believes to have arrived, and has not),
-    diverged, error, interrupted; empty while it goes on.
+    `status` is one of success, collision, timeout, stuck, no_path, missed (the robot believes that its task is done, and it is
+    not), diverged, error, interrupted; empty while it goes on. What a navigator says of itself is no success.
 
     Args:
         world, robot: what is watched.
-        goal: where the robot shall go, None where its navigator says when it is done.
+        goal: where the robot shall go, None for tasks of another kind.
+        measure: of a task without a goal; without one no `Done` is a success.
     """
 
     rules: Rules
     goal: Goal | None
     world: Physics
     robot: Body
+    measure: Measure | None = None
     ticks: list[Tick] = field(default_factory=list)
     efforts: list[Effort] = field(default_factory=list)
     carried: bool = False
@@ -76,8 +83,8 @@ class Judge(Outcome):
     _taken_by: str | None = None
     _taken_at: float = -math.inf
 
-    def judge(self, tick: Tick, command: Command, work: Work) -> None:
-        """Keeps the tick and decides whether it is over; `work` is what estimator and navigator computed in it."""
+    def judge(self, tick: Tick, command: Command, work: Work, view: MapView | None = None) -> None:
+        """Keeps the tick and decides whether it is over; `work` is what was computed in it, `view` the map that is drawn."""
         self.ticks.append(tick)
         if work:
             self.efforts.append(Effort(tick.truth.time, tick.plan_time, dict(work)))
@@ -90,7 +97,7 @@ class Judge(Outcome):
         elif self.goal is not None and self.goal.reached(tick.belief.pose):
             self._arrive(self.goal, truth)
         elif isinstance(command, Done):
-            self.end("success", command.reason)
+            self._finish(command, truth, view)
         elif isinstance(command, GiveUp) and not self._mover_on_goal(truth):
             self.end(command.status, command.reason)
         elif truth.time >= self.rules.time_limit - 1e-9:
@@ -114,6 +121,18 @@ class Judge(Outcome):
             self.end("success", f"reached the goal, {distance:.3f} m from it")
         else:
             self.end("missed", f"believes to be at the goal but is {distance:.2f} m from it")
+
+    def _finish(self, command: Done, truth: GroundTruth, view: MapView | None) -> None:
+        """The navigator says that it is done: success where that is measured, else `missed`."""
+        if self.goal is not None:
+            turn = 0.0 if self.goal.heading is None else abs(wrap_angle(truth.pose.theta - self.goal.heading))
+            if turn > self.goal.yaw_goal_tolerance:
+                self.end("missed", f"says that it is done ({command.reason}) but is {turn:.2f} rad off the goal's heading")
+            else:
+                self._arrive(self.goal, truth)
+            return
+        done, why = (False, "this task has no measure") if self.measure is None else self.measure(self.ticks[0].truth.pose, view)
+        self.end("success", f"{command.reason}; {why}") if done else self.end("missed", f"{command.reason}; but {why}")
 
     def _progress(self, tick: Tick) -> bool:
         """Nav2's progress checker; turning, holding for a command in execution and waiting for the goal count as progress."""

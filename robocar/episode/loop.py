@@ -61,7 +61,7 @@ class Agent:
                 signals=self.watch.look(truth, state.map) if self.watch is not None else {},
             )
             tick = Tick(truth, state.belief, reckoned, standing, self.navigator.seconds, self.judge.carried)
-            self.judge.judge(tick, command, total(state.work, command.work))
+            self.judge.judge(tick, command, total(state.work, command.work), state.map)
             self.command, self.map = command, state.map
         self.robot.act(STOP if self.judge.done else self.command)
 

@@ -71,7 +71,7 @@ def replay(
     Raises:
         RobocarError: the log cannot be read, or does not hold what the estimator needs.
     """
-    tape = open_tape(Path(source), options.pop("subject", None))
+    tape = open_tape(Path(source), options.get("subject"))
     spec = _spec(tape, source, **options)
     start = tape.log.start
     assembly = Assembly(spec, tape.robot, tape.prior, start, tape.log.landmarks, tape.control_period)
@@ -97,8 +97,9 @@ def _spec(
     mapper: str = "none",
     seed: int | None = None,
     settings: Mapping[str, Any] | None = None,
+    subject: int | None = None,
 ) -> RunSpec:
-    """What is run over the tape."""
+    """What is run over the tape, which is that of the subject."""
     # A log that holds poses (CARMEN) needs nobody to estimate them.
     name = estimator or tape.estimator or ("odometry" if tape.steps and tape.steps[0][0].odom_pose is not None else None)
     if name is None:

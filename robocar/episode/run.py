@@ -16,7 +16,8 @@ from robocar.core.solids import Box, Cylinder, Solid
 from robocar.core.work import total
 from robocar.episode.assembly import Assembly
 from robocar.episode.checked import CheckedEstimator, CheckedNavigator
-from robocar.episode.judge import Judge, Rules, Tick
+from robocar.episode.exploration import Exploration
+from robocar.episode.judge import Judge, Measure, Rules, Tick
 from robocar.episode.loop import Agent, navigate
 from robocar.episode.map_watch import MapWatch
 from robocar.episode.progress import RunProgress
@@ -130,10 +131,15 @@ class _Subject:
             CheckedEstimator(self.assembly.estimator()),
             CheckedNavigator(self.assembly.navigator()),
             self.goal,
-            Judge(_rules(self.spec.scenario, patience), self.goal, self.world, self.handle),
+            Judge(_rules(self.spec.scenario, patience), self.goal, self.world, self.handle, self._measure()),
             self.assembly.odometry(),
             NullRecorder(),
         )
+
+    def _measure(self) -> Measure | None:
+        """Of a task without a goal."""
+        radius = self.handle.robot.footprint.inscribed_radius
+        return Exploration(lambda: self.scene.judged_map, radius) if self.explores else None
 
     def record(self, agent: Agent, files: RunDirectory, live: bool) -> None:
         """Has the run recorded, beginning with what stands in the world before anything happens."""

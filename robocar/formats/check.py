@@ -113,6 +113,8 @@ def _map_report(path: Path, kind: str, grid: OccupancyGrid, details: list[str], 
         remarks.append("no cell is free")
     if occupied == 0:
         remarks.append("no cell is occupied")
+    if unknown > 0:
+        remarks.append(f"{unknown:.1%} of the cells are unknown: robots take them for free floor, unless allow_unknown is false")
     origin = grid.origin
     if origin.x or origin.y or origin.theta:
         details.append(f"origin ({origin.x:g}, {origin.y:g}, {origin.theta:g} rad)")

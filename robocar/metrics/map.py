@@ -176,6 +176,19 @@ def reachable_cells(truth: OccupancyGrid, start: ArrayLike, radius: float) -> tu
     return centres, covered
 
 
+def explored_share(drawn: OccupancyGrid, truth: OccupancyGrid, start: ArrayLike, radius: float) -> float | None:
+    """The metric `map/explored` of a map: the measure of an exploration. None where the disc has no room, or maps are too large.
+
+    Args:
+        start: where the robot began (2,) [m].
+        radius: of its inscribed circle [m].
+    """
+    common = on_common_cells(drawn, truth)
+    if common is None:
+        return None
+    return _share(~common[0].unknown, reachable_cells(common[1], start, radius)[1])
+
+
 @njit(cache=True)
 def _cover(covered: Cells, places: Array, radius: float) -> None:
     """Marks the cells whose centres lie within `radius` of one of the places (n, 2); lengths in cells."""

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from robocar.core import SE2, Array, Footprint, Goal, OccupancyGrid, wrap_angles
 from robocar.core.discs import disc_geodesic
 from robocar.core.geodesic import geodesic_distance
+from robocar.core.way import length_over
 from robocar.metrics.declaration import Tolerance, metric
 
 
@@ -56,6 +57,20 @@ def shortest_path_length(
     else:
         length = geodesic_distance(grid, grid.occupied, start.position, goal.position, footprint.inscribed_radius)
     return length if np.isfinite(length) else None
+
+
+@metric("unknown_length", unit="m", needs=("grid", "truth_poses"), optional=("carried",))  # of map and way: not judged
+def unknown_length(grid: OccupancyGrid, poses: ArrayLike, carried: ArrayLike | None = None) -> float | None:
+    """Part of `path_length` that leads over cells which the map does not know [m]: there the world is free floor by assumption.
+
+    0 on a map without unknown cells; None without a tick.
+    """
+    rows = np.asarray(poses, dtype=float).reshape(-1, 3)
+    finite = np.isfinite(rows).all(axis=1)
+    if not finite.any():
+        return None
+    carries = None if carried is None else np.asarray(carried, dtype=bool)[finite]
+    return length_over(grid, grid.unknown, rows[finite, :2], carries)
 
 
 @metric("spl", unit="1", tolerance=Tolerance("higher", absolute=0.02), needs=("success", "shortest_path_length", "path_length"))

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import math
+import warnings
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from robocar.core import ScenarioError
-from robocar.formats import file_kind, load_text_grid
+from robocar.core import Path as Way
+from robocar.core import RobocarError, ScenarioError
+from robocar.core.way import LARGEST, find_way
+from robocar.formats import file_kind, load_map, load_text_grid
+from robocar.sim.robot_model import RobotModel
 
+_ROBOT = "robocar"
+_LEAST_TIME = 120.0  # [s]
+_PACE = 30.0  # [s/m] far slower than any navigator drives that does not turn around in each cell
+_EXPLORING = 10.0  # [m] of way that an exploration is given time for, times `EXPLORATION_TIME`
 _SCENARIO_KEYS = {"map", "start", "goal", "defaults", "robot"}
 
 
@@ -35,7 +43,8 @@ def map_scenario(
 ) -> dict[str, Any]:
     """The scenario of driving on a map file from `start` to `goal` ("x,y[,theta]"); a text grid may hold both.
 
-    Without `goal_needed` the goal may be missing: an exploration has none.
+    Without `goal_needed` the goal may be missing: an exploration has none. The time limit follows the length of the shortest way
+    on the map; where there is none, that of the straight line, with a warning.
 
     Raises:
         ScenarioError: start or goal is missing or malformed.
@@ -55,16 +64,42 @@ def map_scenario(
         numbers[what] = _numbers(value, what) if isinstance(value, str) else [float(v) for v in value]
     start_pose = [*numbers["start"], 0.0][:3]
     goal_pose = numbers.get("goal")
-    distance = 10.0 if goal_pose is None else math.dist(start_pose[:2], goal_pose[:2])
     return {
         "name": path.name.partition(".")[0],
         "map": str(path.resolve()),
         "resolution": resolution,
         "start": start_pose,
         "goal": goal_pose,
-        # Far longer than a straight drive takes: ways through mazes are long.
-        "time_limit": round(120.0 + 30.0 * distance),
+        "time_limit": round(_LEAST_TIME + _PACE * _way_length(path, resolution, start_pose, goal_pose)),
     }
+
+
+def _way_length(path: Path, resolution: float | None, start: list[float], goal: list[float] | None) -> float:
+    """Of the shortest way for the robot's inscribed circle through what the map does not call occupied [m]."""
+    if goal is None:
+        return _EXPLORING
+    straight = math.dist(start[:2], goal[:2])
+    try:
+        grid = load_map(path, resolution)
+    except RobocarError:
+        return straight  # what is wrong is said by who loads the scenario
+    if grid.data.size > LARGEST:
+        warnings.warn(f"{path}: too large to look for a way: the time limit is that of the straight line", stacklevel=4)
+        return straight
+    radius = RobotModel.load(_ROBOT).footprint.inscribed_radius
+
+    def way(a: list[float], b: list[float]) -> Way | None:
+        return find_way(grid, grid.occupied, a[:2], b[:2], radius)
+
+    if (found := way(start, goal)) is not None:
+        return found.length
+    if way(start, start) is not None and way(goal, goal) is not None:  # else the scenario is refused anyway
+        warnings.warn(
+            f"{path}: no way from start to goal is wide enough for the robot: the time limit is that of the straight line, "
+            f"{straight:.1f} m",
+            stacklevel=4,
+        )
+    return straight
 
 
 def _numbers(text: str, what: str) -> list[float]:

@@ -6,12 +6,17 @@ Oracles: the trajectory files; the design's section 9.
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
+import numpy as np
 import pytest
+import yaml
 
 from robocar.formats import read_tum
+from robocar.scenario.map_scenario import map_scenario
 from tests.cli.command_line import Call
+from tests.cli.conftest import MAP_YAML
 
 
 class TestMaps:
@@ -35,6 +40,37 @@ class TestMaps:
         truth = read_tum(directory / "truth.tum").poses
         assert truth[0] == pytest.approx([-0.7, -0.7, 1.5708], abs=0.02)
         assert truth[-1, :2] == pytest.approx([-0.6, 0.5], abs=0.11)
+
+    def test_the_time_limit_is_that_of_the_way_and_a_map_without_one_says_so(self, files: Path) -> None:
+        """Two walls with doors at alternating ends: the way is 3 crossings, 3 * 7 m at least, where the straight line has 2 m."""
+        rows = ["." * 24, "." * 24, "#" * 21 + "...", "." * 24, "." * 24, "..." + "#" * 21, "." * 24, "." * 24]
+        name = files / "serpentine.txt"
+        name.write_text("\n".join(rows))
+        content = map_scenario(str(name), 0.3, "6.6,0.3", "0.45,2.1")
+        straight = 120.0 + 30.0 * math.hypot(6.15, 1.8)
+        assert 120.0 + 30.0 * (3 * 5.5) < content["time_limit"] < 120.0 + 30.0 * 25.0
+        assert content["time_limit"] > 1.5 * straight
+        name.write_text("\n".join([*rows[:2], "#" * 24, *rows[3:]]))
+        with pytest.warns(UserWarning, match=r"serpentine.txt: no way from start to goal .* straight line, 6\.4 m"):
+            closed = map_scenario(str(name), 0.3, "6.6,0.3", "0.45,2.1")
+        assert closed["time_limit"] == round(straight)
+
+    def test_a_path_through_unknown_is_said(self, call: Call, files: Path) -> None:
+        """The map's middle third has never been seen: a way of 1.4 m, 0.67 m of it unknown."""
+        cells = np.full((40, 40), 254, dtype=np.uint8)
+        cells[:, 13:27] = 205
+        (files / "seen.pgm").write_bytes(b"P5 40 40 255\n" + cells.tobytes())
+        (files / "seen.yaml").write_text(yaml.safe_dump(MAP_YAML | {"image": "seen.pgm"}))
+        status, out, err = call("run", "seen.yaml", "--start=-0.7,0", "--goal", "0.7,0", "--no-recording", "--json", "--out", "o")
+        assert status == 0, err
+        assert json.loads(out)["metrics"]["unknown_length"]["value"] == pytest.approx(0.7, abs=0.03)
+        assert "path through unknown: 0.7 m of 1.3 m" in err
+        (files / "seen_scenario.yaml").write_text(yaml.safe_dump({"map": "seen.yaml", "start": [-0.7, 0, 0], "goal": [0.7, 0]}))
+        status, out, _ = call("check", "seen_scenario.yaml", "seen.yaml")
+        assert status == 0
+        assert "35.0% of the map are unknown, and free floor to the robot" in out
+        assert "shortest path through unknown: 0.7 m of 1.4 m; no way is known all along" in out
+        assert "35.0% of the cells are unknown" in out
 
     def test_another_goal_is_another_run(self, call: Call, files: Path) -> None:
         for goal in ("0,0", "0,0.5"):

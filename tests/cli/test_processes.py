@@ -129,8 +129,11 @@ def test_a_planner_of_somebody_else_by_path_and_by_entry_point(tmp_path: Path) -
     assert "followed by pure pursuit" in listed["a-star"]  # nobody replaces ours
     for name in ("finisher", "mine:build"):
         done = robocar("run", "short.yaml", "--navigator", name, "--no-recording", "--json")
-        assert done.returncode == 0, done.stderr
-        assert [json.loads(done.stdout)[key] for key in ("navigator", "reason")] == [name, "seen all"]
+        assert done.returncode == 1, done.stderr
+        assert [json.loads(done.stdout)[key] for key in ("navigator", "status")] == [
+            name,
+            "missed",
+        ]  # far from it
     assert robocar("run", "short.yaml", "--estimator", "their_planners:at_goal", "--out", "recorded").returncode == 1  # missed
     (recorded,) = (here / "recorded").iterdir()
     (here / "mine.py").write_text("from their_planners import at_goal as build\n")

@@ -136,7 +136,7 @@ def test_what_is_no_reading_is_no_observation(time, readings, error, message):
 def test_commands() -> None:
     assert STOP.twist == Twist(0, 0)
     assert Drive(Twist(1, 0)) != STOP
-    assert GiveUp("wall").status == "no_path"
+    assert GiveUp("wall").status == "stuck"
     with pytest.raises(ValueError, match="no_path or stuck"):
         GiveUp("wall", status="success")
     with pytest.raises(FrozenInstanceError):

@@ -139,12 +139,13 @@ def drive(
     lie: SE2 | None = None,
     recorder: Any = None,
     progress: Any = None,
+    measure: Any = None,
     **rules: Any,
 ) -> tuple[Judge, Car, Estimator, Diary]:
     car = car or Car()
     estimator = Estimator(car, lie=lie)
     recorder = recorder or Diary(car)
-    judge = Judge(Rules(**({"time_limit": 2.0} | rules)), goal, car, car)
+    judge = Judge(Rules(**({"time_limit": 2.0} | rules)), goal, car, car, measure)
     cascade = CheckedEstimator(Cascade(estimator, Mapper(car)))
     agent = Agent(car, cascade, CheckedNavigator(Parts(car, answer)), goal, judge, Odometry(car), recorder)
     navigate(car, [agent], progress)

@@ -71,7 +71,9 @@ class TestEndings:
 
     def test_done_and_give_up(self) -> None:
         done = run(short(goal=None), navigator="broken_parts:done", estimator="truth")
-        assert (done.status, done.reason, done.success) == ("success", "seen all", True)
+        assert (done.status, done.reason, done.success) == ("missed", "seen all; but this task has no measure", False)
+        maze = run("maze", navigator="broken_parts:done", estimator="truth")  # the word of a navigator is no arrival
+        assert (maze.status, maze.value("spl")) == ("missed", 0.0)
         stuck = run(SHORT, navigator="broken_parts:give_up", estimator="truth")
         assert (stuck.status, stuck.reason, stuck.success) == ("stuck", "walled in", False)
 

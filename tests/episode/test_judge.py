@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
@@ -79,10 +80,28 @@ class TestJudge:
         assert (episode.status, episode.reason, len(episode.ticks)) == ("timeout", "not there after 1 s", 11)
 
     def test_done_and_give_up(self) -> None:
-        assert drive(answer=lambda tick: Done("all seen"))[0].status == "success"
-        assert drive(answer=lambda tick: GiveUp("a wall"))[0].status == "no_path"
+        assert drive(answer=lambda tick: GiveUp("a wall", "no_path"))[0].status == "no_path"
+        assert drive(answer=lambda tick: GiveUp("a wall"))[0].status == "stuck"
         stuck = drive(answer=lambda tick: GiveUp("a corner", "stuck"))[0]
         assert (stuck.status, stuck.reason) == ("stuck", "a corner")
+
+    @pytest.mark.parametrize(("x", "status"), [(0.05, "success"), (0.2, "success"), (0.3, "missed"), (5.0, "missed")])
+    def test_done_at_a_goal_is_what_the_truth_says(self, x: float, status: str) -> None:
+        """The car stands at 0 and says so; the radius of success is 0.25 m."""
+        assert drive(answer=lambda tick: Done("there"), goal=goal(x))[0].status == status
+
+    def test_done_with_the_wrong_heading_is_missed(self) -> None:
+        episode = drive(answer=lambda tick: Done("there"), goal=replace(goal(0.15), heading=1.0))[0]
+        assert (episode.status, "1.00 rad off" in episode.reason) == ("missed", True)
+
+    @pytest.mark.parametrize(("measured", "status"), [(True, "success"), (False, "missed")])
+    def test_done_without_a_goal_is_what_the_measure_says(self, measured: bool, status: str) -> None:
+        episode = drive(answer=lambda tick: Done("all seen"), measure=lambda start, view: (measured, f"{start.x:g} m"))[0]
+        assert episode.status == status
+        assert episode.reason in ("all seen; 0 m", "all seen; but 0 m")
+
+    def test_done_of_a_task_that_nothing_measures_is_no_success(self) -> None:
+        assert drive(answer=lambda tick: Done("all seen"))[0].status == "missed"
 
     @pytest.mark.parametrize(
         ("twist", "busy_until", "status"),
@@ -124,7 +143,7 @@ class TestJudge:
         """It leaves after 1 s: until 2 s later giving up and standing still are waiting, afterwards they are what they were."""
 
         def give_up(tick: int) -> GiveUp:
-            return GiveUp("goal occupied")
+            return GiveUp("goal occupied", "no_path")
 
         episode, car, *_ = drive(Car(mover_until=1.0), give_up, goal(5.0), time_limit=9.0)
         assert (episode.status, episode.reason) == ("no_path", "goal occupied")

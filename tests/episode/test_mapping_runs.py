@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import robocar
-from robocar.core import SE2, OccupancyGrid, ParameterError
+from robocar.core import SE2, STOP, Done, OccupancyGrid, ParameterError
+from robocar.episode.exploration import EXPLORED
 from robocar.episode.map_watch import decided
 from robocar.episode.replay import replay
 from robocar.episode.result import RunResult
 from robocar.formats import load_map
 from robocar.metrics.map import on_common_cells
+from robocar.planners.exploration.explore import Explore
 from robocar.scenario.load import load_scenario
 from robocar.scenario.scene import Scene
 from robocar.sim.robot_model import RobotModel
@@ -210,3 +213,57 @@ def test_the_map_of_python_robotics_scan(tmp_path: Path, data_dir: Path) -> None
     windows = np.array([grid.occupied[r - 1 : r + 2, c - 1 : c + 2].any() for r, c in cells])
     assert windows.all()
     assert math.isclose(grid.resolution, 0.02)
+
+
+@pytest.mark.parametrize("lidar", ["scan360", "hokuyo"])
+def test_an_exploration_whose_laser_is_dead_is_no_success(lidar: str) -> None:
+    """All beams are lost: it stands, says so and gives up."""
+    settings = {"robot.lidar": lidar, "robot.sensors.lidar.dropout": 1.0}
+    result = robocar.run("tilted", navigator="explore", estimator="truth", mapper="laser", settings=settings)
+    assert (result.status, result.reason) == ("stuck", "no reading of the laser, all are lost for 6 s")
+    assert result.value("path_length") == pytest.approx(0.0, abs=0.02)
+
+
+def test_an_exploration_that_stops_early_has_missed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The navigator says that it is done while a wall hides half of the room: `map/explored` decides."""
+    monkeypatch.setattr(Explore, "command", lambda self, state, observation, goal: Done("I am tired") if state.map else STOP)
+    result = robocar.run("thesis-rooms", navigator="explore", estimator="truth", mapper="laser")
+    share = result.value("map/explored")
+    assert share is not None
+    assert share < EXPLORED
+    assert (result.status, f"{share:.1%} of the area" in result.reason) == ("missed", True)
+
+
+LONG = pytest.mark.skipif(not os.environ.get("ROBOCAR_LONG_TESTS"), reason="takes minutes: set ROBOCAR_LONG_TESTS=1")
+
+
+def rooms(seed: int, pitch: int = 8, count: int = 8) -> str:
+    """A text grid of rooms of 7 x 7 cells, each joined to others by doors of one cell; all are connected."""
+    rng = np.random.default_rng(seed)
+    wall = np.zeros((pitch * count, pitch * count), dtype=bool)
+    wall[pitch - 1 :: pitch] = wall[:, pitch - 1 :: pitch] = True
+    places = [(r, c) for r in range(count) for c in range(count)]
+    joints = [((r, c), (r + dr, c + dc)) for r, c in places for dr, dc in ((0, 1), (1, 0)) if max(r + dr, c + dc) < count]
+    group = {place: place for place in places}
+    for k in rng.permutation(len(joints)):
+        (r, c), there = joints[k]
+        mine, other = group[r, c], group[there]
+        if mine == other and rng.random() > 0.4:
+            continue
+        group = {place: mine if where == other else where for place, where in group.items()}
+        along = int(rng.integers(pitch - 1))
+        row, col = (r * pitch + along, c * pitch + pitch - 1) if there[0] == r else (r * pitch + pitch - 1, c * pitch + along)
+        wall[row, col] = False
+    return "\n".join("".join("#" if cell else "." for cell in row) for row in wall[::-1])
+
+
+@LONG
+@pytest.mark.parametrize("seed", range(4))
+def test_rooms_with_narrow_doors_are_explored_without_contact(seed: int, tmp_path: Path) -> None:
+    """Doors of 0.30 m, where the car is 0.18 m wide."""
+    (tmp_path / "rooms.txt").write_text(rooms(seed))
+    content = {"map": str(tmp_path / "rooms.txt"), "resolution": 0.3, "start": [1.05, 1.05, 0.0], "prior": "none",
+               "robot": {"lidar": "scan360"}, "time_limit": 2000}  # fmt: skip
+    settings = {"time_limit": 2000}  # for the exploration as it is, not four times as long
+    result = robocar.run(content, navigator="explore", estimator="truth", mapper="laser", seed=seed, settings=settings)
+    assert (result.value("contacts"), result.status) == (0, "success"), result.reason

@@ -17,6 +17,7 @@ from robocar.metrics import run as metrics
 ALWAYS = {  # design, section 9
     "duration",
     "path_length",
+    "unknown_length",
     "shortest_path_length",
     "spl",
     "min_clearance",
@@ -272,6 +273,7 @@ def test_summary_of_a_straight_drive() -> None:
     expected = {
         "duration": 4.0,
         "path_length": 2.0,
+        "unknown_length": 0.0,
         "shortest_path_length": 2.0,
         "spl": 1.0,
         "min_clearance": 0.4,
@@ -306,6 +308,7 @@ def test_short_runs(n: int) -> None:
     from_ticks = {
         "duration",
         "path_length",
+        "unknown_length",
         "spl",
         "min_clearance",
         "mean_clearance",
@@ -351,3 +354,15 @@ def test_logs_are_checked_and_frozen() -> None:
         run_log(3, time=[0.0, NAN, 0.1])
     with pytest.raises(ValueError, match="read-only"):
         run_log(3).time[0] = 1.0
+
+
+def test_unknown_length() -> None:
+    """By hand: columns 4 to 6 of cells of 1 m are unknown, and are crossed twice; what is carried over them does not count."""
+    data = np.zeros((10, 10), dtype=np.int8)
+    data[:, 4:7] = -1
+    grid = OccupancyGrid(data, 1.0)
+    poses = [[1, 5, 0], [9, 5, 0], [NAN, 0, 0], [1, 5, 0]]
+    assert metrics.unknown_length(grid, poses) == pytest.approx(6.0, abs=0.2)
+    assert metrics.unknown_length(grid, poses, [False, False, False, True]) == pytest.approx(3.0, abs=0.1)
+    assert metrics.unknown_length(OccupancyGrid(np.zeros((3, 3)), 1.0), [[1, 1, 0], [2, 1, 0]]) == 0.0
+    assert metrics.unknown_length(grid, np.zeros((0, 3))) is None

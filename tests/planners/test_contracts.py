@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robocar.core import OCCUPIED, SE2, Belief, GiveUp, Goal, Navigator, OccupancyGrid, RangeSensor, Robot, State
+from robocar.core import OCCUPIED, SE2, UNKNOWN, Belief, GiveUp, Goal, Navigator, OccupancyGrid, RangeSensor, Robot, State
 from robocar.episode.registry import build, names
 from tests.planners.kinematic import DT, car, context, drive, sense
 
@@ -18,6 +18,9 @@ EXPLORERS = {"explore"}
 
 BUGS = {"ocpb", "bug1", "bug2", "dist-bug", "tangent-bug", "point-bug", "critical-point-bug"}
 """Those that look for the ends of obstacles: eight sonars do not show them, so they get a laser."""
+
+PLANNERS = sorted(set(names("navigator")) - EXPLORERS - BUGS - {"safe-direction", "safe-direction-memory"})
+"""Those that plan on the map that they are given."""
 
 NAVIGATORS = sorted(set(names("navigator")) - EXPLORERS)
 START, GOAL = SE2(0.6, 1.5, 0.0), Goal(np.array([3.9, 1.5]))
@@ -51,8 +54,11 @@ def _name(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
-def navigator(name: str, prior: OccupancyGrid | None) -> Navigator:
-    return build("navigator", name, context(fit_out(name), prior, START))
+def navigator(name: str, prior: OccupancyGrid | None, **settings: object) -> Navigator:
+    """With a small budget for random trees: it is used up where there is no way."""
+    if name.startswith("rrt"):
+        settings = {"planner": {"max_samples": 3000}} | settings
+    return build("navigator", name, context(fit_out(name), prior, START, **settings))
 
 
 @pytest.mark.parametrize("known", [True, False], ids=["map", "no map"])
@@ -95,3 +101,53 @@ def test_it_never_drives_into_a_wall_to_reach_what_is_walled_off(name: str) -> N
     drives = drive(navigator(name, world), fit_out(name), world, START, GOAL, ticks=round(120 / DT))
     assert drives.status in ("no_path", "stuck", "timeout")
     assert all(pose.x < 2.0 for pose in drives.poses)
+
+
+@pytest.mark.parametrize("heading", [2.0, -2.8])
+def test_it_turns_to_the_goal_s_heading_or_refuses_it(name: str, heading: float) -> None:
+    """Oracle: the goal's definition. Nobody arrives and then stands there until it is stuck."""
+    goal = Goal(np.array([2.6, 1.5]), heading)
+    drives = drive(navigator(name, room()), fit_out(name), room(), START, goal, ticks=1600)
+    assert drives.status == "success", drives.reason
+    assert goal.reached(drives.poses[-1])
+
+
+DOOR = ((2.0, 0.0, 2.2, 1.4), (2.0, 1.6, 2.2, 3.0))
+"""A wall with a door 20 cm wide: too tight for most, and wide enough for the car, which is 18 cm wide."""
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_a_door_that_is_too_tight_for_it_is_no_proof(planner: str) -> None:
+    drives = drive(navigator(planner, room(*DOOR)), fit_out(planner), room(*DOOR), START, GOAL, ticks=300)
+    assert drives.status != "no_path", drives.reason
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_where_the_map_shows_no_way_it_says_so_and_does_not_move(planner: str) -> None:
+    """A wall through the whole map."""
+    world = room((2.0, 0.0, 2.2, 3.0))
+    drives = drive(navigator(planner, world), fit_out(planner), world, START, GOAL, ticks=600)
+    assert drives.status == "no_path", drives.reason
+    assert drives.reason.endswith("; the map proves that there is none")
+    assert max(abs(pose.x - START.x) for pose in drives.poses) < 0.05
+
+
+@pytest.mark.parametrize("planner", sorted(name for name in PLANNERS if name.startswith("rrt")))
+def test_a_budget_that_ran_out_is_no_proof(planner: str) -> None:
+    world = room((2.0, 0.0, 2.2, 2.4))
+    nav = navigator(planner, world, planner={"max_samples": 1})
+    drives = drive(nav, fit_out(planner), world, START, GOAL, ticks=600)
+    assert (drives.status, drives.reason[:16]) == ("stuck", "budget exhausted")
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+@pytest.mark.parametrize("allowed", [True, False])
+def test_unknown_cells_are_free_unless_they_are_forbidden(planner: str, allowed: bool) -> None:
+    """The wall of the map has a door that nobody has looked into; in the world it is open."""
+    world, data = room((2.0, 0.0, 2.2, 1.0), (2.0, 2.0, 2.2, 3.0)), room((2.0, 0.0, 2.2, 1.0), (2.0, 2.0, 2.2, 3.0)).data.copy()
+    data[20:40, 40:44] = UNKNOWN
+    own = planner == "dynamic-a-star"
+    settings = {"allow_unknown": allowed} if own else {"costmap": {"allow_unknown": allowed}}
+    nav = navigator(planner, OccupancyGrid(data, 0.05), **settings)
+    drives = drive(nav, fit_out(planner), world, START, GOAL, ticks=1600 if allowed else 300)
+    assert drives.status == ("success" if allowed else "stuck"), drives.reason

@@ -144,7 +144,7 @@ class ParticleFilter:
         p = self.parameters
         self._guesses.see(self._odometry, detections)
         matches = self._matches(detections)
-        if matches.count == 0:
+        if len(matches.first) == 1:
             return True
         mean = sensor_models.reweigh(self.weights, matches.likelihoods(p.outlier))
         was_lost = self.lost_share > 0.0

@@ -115,11 +115,6 @@ class Matches(NamedTuple):
     values: Array
     first: NDArray[np.int64]
 
-    @property
-    def count(self) -> int:
-        """Of sightings."""
-        return len(self.first) - 1
-
     def likelihoods(self, outlier: float) -> Array:
         """Of all sightings together, (n,)."""
         return _products(self.values, self.first, outlier)

@@ -158,7 +158,7 @@ def test_a_gate_that_opens_after_some_time_is_waited_for() -> None:
     closed = field(40, 80, (2.0, 0.0, 2.2, 2.0))
     start, goal = SE2(0.5, 1.0), Goal(np.array([3.5, 1.0]))
     plain = plan_and_follow(context(car(), open_world, start), a_star.build, pure_pursuit.build)
-    assert drive(plain, car(), closed, start, goal).status == "no_path"
+    assert drive(plain, car(), closed, start, goal).status == "stuck"  # nobody has proved that it stays closed
     navigator = plan_and_avoid(context(car(), open_world, start), a_star.build, dwa.build)
     pose, recovered = start, False
     for tick in range(1600):

@@ -304,7 +304,7 @@ def test_walled_in_it_waits_and_says_so() -> None:
     world = room(size=(2.5, 2.5))
     _, command = episode(build(context(robot(), None)), world, SE2(1.2, 1.2), Goal(np.array([6.0, 1.2])))
     assert isinstance(command, GiveUp)
-    assert command.status == "no_path"
+    assert command.status == "stuck"
     assert "all round" in command.reason
 
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robocar.core import BudgetExhausted, Costmap, NoPathFound, Segments
+from robocar.core import BudgetExhausted, Costmap, Segments
 from robocar.planners.sampling.random_trees import Growth, TreeObstacles, edge_cost, shortcut
 from robocar.planners.sampling.rrt import RRT, VARIANTS, RrtParameters, circle_world, costmap_world, path_cost, search
 
@@ -144,7 +144,7 @@ def walled_off() -> Costmap:
 def test_without_a_way_the_budget_ends_and_the_tree_is_kept(variant: str) -> None:
     """The wall at x = 3.0 to 3.1 is never crossed by an edge."""
     planner = RRT(np.random.default_rng(0), RrtParameters(variant=variant, max_samples=700))
-    with pytest.raises(NoPathFound, match=r"no way from .* found with 700 samples") as error:
+    with pytest.raises(BudgetExhausted, match=r"budget exhausted: no way from .* found with 700 samples") as error:
         planner.plan(walled_off(), (1.0, 1.0), (5.0, 1.0))
     assert isinstance(error.value, BudgetExhausted)
     tree = error.value.trace["tree"]

@@ -318,7 +318,7 @@ class TestDrives:
     def test_a_goal_walled_in_by_what_the_map_does_not_show(self) -> None:
         world, known = field(3.0, 2.0, (1.8, 0.0, 1.95, 2.0)), field(3.0, 2.0)
         result = drive(navigator(known), car(SIDES), world, self.START, goal(*self.END), 12_000)
-        assert result.status == "no_path", result.reason
+        assert result.status == "stuck", result.reason
         assert max(pose.x for pose in result.poses) > 1.2  # it went and looked
 
     def test_built_again_the_same_run_is_the_same(self) -> None:
@@ -365,13 +365,13 @@ class TestThesisField:
         assert turning[0] < 0.5 * turning[1]  # type: ignore[operator]
 
 
-def test_an_enclosed_goal_in_physics_is_no_path() -> None:
+def test_an_enclosed_goal_in_physics_is_given_up() -> None:
     """Four boxes that the map does not show stand around the goal."""
     around = [((0.9, 0.1), (2.8, 1.65)), ((0.9, 0.1), (2.8, 0.75)), ((0.1, 0.9), (2.35, 1.2)), ((0.1, 0.9), (3.25, 1.2))]
     boxes = [{"box": [*size, 0.3], "pose": [*place, 0.0]} for size, place in around]
     content = {"name": "enclosed", "map": "maps/thesis_field.yaml", "start": [0.25, 0.2, 0.0], "goal": [2.8, 1.2],
                "unknown_obstacles": boxes, "robot": {"sonars": "front+sides"}, "time_limit": 400}  # fmt: skip
     result = run(content, navigator="dynamic-a-star", estimator="truth")
-    assert result.status == "no_path", result.reason
+    assert result.status == "stuck", result.reason
     assert "no way to the goal through free cells" in result.reason
     assert result.value("contacts") == 0

@@ -184,7 +184,7 @@ def test_who_backs_away_need_not_stand_in_the_way_afterwards() -> None:
     and stood would be met."""
     start, limits = np.array([80.0, 80.0, 0.0, -4.0, 0.0]), np.array([16.0, 4.0])
     discs, back = np.array([[96.0, 80.0, -6.0, 0.0, 7.6]]), np.array([[-4.0, 0.0]])
-    body, aim = RobotBody(np.empty((0, 2)), 2.7, 0.0), RolloutAim(np.array([[100.0, 80.0]]), np.array([100.0, 80.0]), 0.0)
+    body, aim = RobotBody(np.empty((0, 2)), 2.7, 0.0, False), RolloutAim(np.array([[100.0, 80.0]]), np.array([100.0, 80.0]), 0.0)
     costs = np.zeros((160, 160), dtype=np.uint8)
     costs.flags.writeable = False
     stands, goes_on = (
