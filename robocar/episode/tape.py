@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from robocar.core import (
     SE2,
@@ -23,10 +22,12 @@ from robocar.core import (
     Scan,
     wrap_angles,
 )
+from robocar.core.text import describe
 from robocar.core.truth import GroundTruth
 from robocar.formats import Trajectory
 from robocar.formats.load_log import is_log, load_log
 from robocar.formats.log import Log
+from robocar.reading import read_yaml
 from robocar.scenario.model import Scenario
 from robocar.scenario.scene import Scene
 from robocar.sim.robot_model import RobotModel
@@ -118,15 +119,15 @@ def _run_tape(folder: Path) -> Tape:
     """A run of ours: its recording holds what was sensed, its `config.yaml` the world."""
     from robocar.recording import read_observations, read_trajectory
 
+    config = read_yaml(folder / "config.yaml", LogFormatError)
     try:
-        config = yaml.safe_load((folder / "config.yaml").read_text())
         seed, settings, estimator = int(config["seed"]), dict(config["settings"]), str(config["estimator"])
         if config["navigator"] == "replay" and config["scenario"]["map"] == "none":
             raise LogFormatError(f"{folder}: the replay of a log holds no world; replay the log itself")
         place = {"folder": Path(config["folder"])} if "folder" in config else {}
         scenario = Scenario.model_validate(config["scenario"] | place)
-    except (OSError, KeyError, TypeError, ValueError, yaml.YAMLError) as error:
-        raise LogFormatError(f"{folder / 'config.yaml'}: not the configuration of a run: {error}") from error
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise LogFormatError(f"{folder / 'config.yaml'}: not the configuration of a run: {describe(error)}") from error
     model = scenario.robot_model()
     robot = model.describe(scenario.robot.fit_out, scenario.robot.sensors)
     scene = Scene.load(scenario, model.footprint)

@@ -14,8 +14,8 @@ from typing import Literal
 import numpy as np
 
 from robocar.core import SE2, Array, LogFormatError, MapFormatError, Observation, Reading, Scan
-from robocar.formats.files import PathLike, gunzip, read_bytes
 from robocar.formats.log import Log
+from robocar.reading import PathLike, gunzip, read_bytes
 
 NO_RETURN = (32.767, 50.0)
 """What drivers write where nothing was seen, besides everything from `LONGEST` on [m]."""

@@ -10,13 +10,13 @@ import numpy as np
 
 from robocar.core import MapFormatError, OccupancyGrid
 from robocar.formats.barn import load_barn_cylinders, load_barn_grids, load_barn_paths
-from robocar.formats.files import PathLike
 from robocar.formats.load import MAP_KINDS, file_kind, load_map
 from robocar.formats.load_log import LOG_KINDS, is_log, load_log
 from robocar.formats.movingai import ScenarioLine, load_movingai_map, load_scenarios
 from robocar.formats.ros_map import read_ros_yaml
 from robocar.formats.text_grid import load_text_grid
 from robocar.formats.tum import read_tum
+from robocar.reading import PathLike
 
 
 @dataclass(frozen=True, slots=True)

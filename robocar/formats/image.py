@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robocar.core import MapFormatError
-from robocar.formats.files import PathLike, check_cells, read_bytes
+from robocar.formats.files import check_cells
+from robocar.reading import PathLike, read_bytes
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_DEPTHS = {0: (1, 2, 4, 8, 16), 2: (8, 16), 3: (1, 2, 4, 8), 4: (8, 16), 6: (8, 16)}

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from robocar.core import SE2, LogFormatError, Observation, Reading, Scan, wrap_angles
-from robocar.formats.files import PathLike, read_text
 from robocar.formats.log import Log
+from robocar.reading import PathLike, read_text
 
 
 def load_lidar_csv(path: PathLike) -> Log:

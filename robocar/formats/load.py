@@ -6,10 +6,10 @@ from pathlib import Path
 
 from robocar.core import MapFormatError, OccupancyGrid
 from robocar.formats.barn import CELL_SIZE, load_barn_world
-from robocar.formats.files import PathLike, read_bytes
 from robocar.formats.movingai import load_movingai_map
 from robocar.formats.ros_map import load_map_image, load_ros_map
 from robocar.formats.text_grid import load_text_grid
+from robocar.reading import PathLike, read_start
 
 _KIND_OF_SUFFIX = {
     ".yaml": "ros_map",
@@ -41,7 +41,7 @@ def file_kind(path: PathLike) -> str:
     for suffix, kind in _KIND_OF_SUFFIX.items():
         if name.endswith(suffix):
             return kind
-    start = read_bytes(path)[:256].removeprefix(b"\xef\xbb\xbf")
+    start = read_start(path)[:256].removeprefix(b"\xef\xbb\xbf")
     if start.startswith((b"P2", b"P5", b"\x89PNG", b"BM")):
         return "image"
     if start.startswith(b"type octile"):

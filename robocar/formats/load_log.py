@@ -6,10 +6,10 @@ from pathlib import Path
 
 from robocar.core import LogFormatError
 from robocar.formats.carmen import load_carmen
-from robocar.formats.files import PathLike
 from robocar.formats.lidar_csv import load_lidar_csv
 from robocar.formats.log import Log
 from robocar.formats.mrclam import is_mrclam, load_mrclam
+from robocar.reading import PathLike
 
 LOG_KINDS = "an MRCLAM folder, a CARMEN .log or .log.gz, or a .csv of laser scans"
 _CARMEN_ENDINGS = (".log", ".log.gz", ".clf", ".gfs")

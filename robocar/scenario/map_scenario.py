@@ -6,10 +6,9 @@ import math
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from robocar.core import ScenarioError
 from robocar.formats import file_kind, load_text_grid
+from robocar.reading import read_yaml
 
 _SCENARIO_KEYS = {"map", "start", "goal", "defaults", "robot"}
 
@@ -24,8 +23,8 @@ def is_scenario(path: Path) -> bool:
     if path.suffix.lower() not in (".yaml", ".yml"):
         return False
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        content = read_yaml(path, ScenarioError)
+    except ScenarioError:  # whoever loads it says why
         return False
     return isinstance(content, dict) and "image" not in content and bool(_SCENARIO_KEYS & set(content))
 
