@@ -63,6 +63,7 @@ def check(path: Path, resolution: float | None) -> str:
     return (
         f"{path}: scenario, {width:g} x {height:g} m, {prior}, {len(scenario.unknown_obstacles)} unknown obstacles, "
         f"{len(scene.movers)} movers, {len(scene.landmarks)} landmarks, at most {scenario.time_limit:g} s"
+        + "".join(f"\n  warning: {note}" for note in scene.notes)
     )
 
 

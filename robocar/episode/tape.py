@@ -58,8 +58,8 @@ class Tape:
 
     @property
     def summary(self) -> str:
-        """How long it is, and which lines of the log made no sense."""
-        text = f"{len(self.steps)} observations of {self.log.path}"
+        """How long it is, what was repaired in the log, and which of its lines made no sense."""
+        text = "; ".join([f"{len(self.steps)} observations of {self.log.path}", *self.log.notes])
         if self.log.skipped:
             first = "; ".join(self.log.skipped[:3])
             text += f", {len(self.log.skipped)} lines skipped ({first}{'; ...' if len(self.log.skipped) > 3 else ''})"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings as python_warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -89,19 +88,14 @@ def check_file(path: PathLike, resolution: float | None = None) -> FileReport:
     if kind == "ros_map":
         fields = read_ros_yaml(path)
         details.append(f"mode {fields.mode}")
-        remarks += [f"unknown field {name} is ignored" for name in fields.unknown_fields]
-        if fields.mode == "raw" and fields.negate:
-            remarks.append("negate has no effect in mode raw")
-    with python_warnings.catch_warnings():
-        python_warnings.simplefilter("ignore")  # they are in the report
-        if kind == "text_grid":
-            drawn = load_text_grid(path, 1.0 if resolution is None else resolution)
-            grid = drawn.grid
-            for name, point in (("start", drawn.start), ("goal", drawn.goal)):
-                if point is not None:
-                    details.append(f"{name} at ({point[0]:g}, {point[1]:g})")
-        else:
-            grid = load_map(path, resolution)
+    if kind == "text_grid":
+        drawn = load_text_grid(path, 1.0 if resolution is None else resolution)
+        grid = drawn.grid
+        for name, point in (("start", drawn.start), ("goal", drawn.goal)):
+            if point is not None:
+                details.append(f"{name} at ({point[0]:g}, {point[1]:g})")
+    else:
+        grid = load_map(path, resolution, remarks)
     return _map_report(path, kind, grid, details, remarks)
 
 
@@ -173,7 +167,7 @@ def _check_log(path: Path) -> FileReport:
     ]
     if log.truth is not None:
         details.append("with ground truth")
-    remarks = [f"skipped {problem}" for problem in log.skipped[:_MOST_SKIPPED]]
+    remarks = [*log.notes, *(f"skipped {problem}" for problem in log.skipped[:_MOST_SKIPPED])]
     if len(log.skipped) > _MOST_SKIPPED:
         remarks.append(f"... and {len(log.skipped) - _MOST_SKIPPED} more")
     return FileReport(path, f"{log.kind} log", details=tuple(details), warnings=tuple(remarks))

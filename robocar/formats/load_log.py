@@ -11,8 +11,8 @@ from robocar.formats.log import Log
 from robocar.formats.mrclam import is_mrclam, load_mrclam
 from robocar.reading import PathLike
 
-LOG_KINDS = "an MRCLAM folder, a CARMEN .log or .log.gz, or a .csv of laser scans"
-_CARMEN_ENDINGS = (".log", ".log.gz", ".clf", ".gfs")
+LOG_KINDS = "an MRCLAM folder, a CARMEN .log, .clf or .gfs, packed (.gz) or not, or a .csv of laser scans"
+_CARMEN_ENDINGS = (".log", ".clf", ".gfs", ".log.gz", ".clf.gz", ".gfs.gz")
 
 
 def is_log(path: PathLike) -> bool:

@@ -6,7 +6,6 @@ Meaning of the fields and the modes: Nav2's `nav2_map_server` (thresholds inclus
 from __future__ import annotations
 
 import difflib
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -100,32 +99,45 @@ def read_ros_yaml(path: PathLike) -> RosMapYaml:
     )
 
 
-def load_ros_map(path: PathLike, resolution: float | None = None) -> OccupancyGrid:
+def load_ros_map(path: PathLike, resolution: float | None = None, notes: list[str] | None = None) -> OccupancyGrid:
     """Load a map_server map.
 
     Args:
         path: the YAML file; the image is looked for beside it.
         resolution: replaces the file's [m].
+        notes: what is legal but probably not meant is added to this, a sentence each.
 
     Raises:
         MapFormatError: YAML or image cannot be used; the message names file, field and value.
         ParameterError: `resolution` is not a positive number.
     """
     fields = read_ros_yaml(path)
-    for name in fields.unknown_fields:
-        warnings.warn(f"{path}: unknown field {name} is ignored", stacklevel=2)
+    notes = [] if notes is None else notes
+    notes += [f"unknown field {name:.40} is ignored" for name in fields.unknown_fields]
+    if fields.mode == "raw" and fields.negate:
+        notes.append("negate has no effect in mode raw")
     try:
         image = read_image(fields.image)
     except MapFormatError as failure:
         raise MapFormatError(f"{path}: image: {failure}") from failure
+    _note_transparency(image, notes)
     used = fields.resolution if resolution is None else check_resolution(resolution)
     return OccupancyGrid(occupancy_from_image(image, fields), used, fields.origin)
 
 
-def load_map_image(path: PathLike, resolution: float) -> OccupancyGrid:
+def load_map_image(path: PathLike, resolution: float, notes: list[str] | None = None) -> OccupancyGrid:
     """Load a bare image as map_server would with its default thresholds: dark is occupied, the lower left corner at (0, 0)."""
     fields = RosMapYaml(Path(path), check_resolution(resolution))
-    return OccupancyGrid(occupancy_from_image(read_image(path), fields), fields.resolution)
+    image = read_image(path)
+    _note_transparency(image, [] if notes is None else notes)
+    return OccupancyGrid(occupancy_from_image(image, fields), fields.resolution)
+
+
+def _note_transparency(image: GreyImage, notes: list[str]) -> None:
+    """A drawing on transparent ground looks free to whoever drew it."""
+    if image.transparent is not None and image.transparent.any():
+        share = float(np.mean(image.transparent))
+        notes.append(f"{share:.1%} of the pixels are not opaque and become unknown; draw on a white ground where they are free")
 
 
 def occupancy_from_image(image: GreyImage, fields: RosMapYaml) -> NDArray[np.int8]:

@@ -48,6 +48,7 @@ class Scene:
         landmarks: coloured balls.
         start: true world_from_robot at the beginning.
         goal: or None.
+        notes: on its files: what is legal but probably not meant.
     """
 
     scenario: Scenario
@@ -57,6 +58,7 @@ class Scene:
     landmarks: tuple[Landmark, ...]
     start: SE2
     goal: Goal | None
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def load(cls, scenario: Scenario, footprint: Footprint) -> Scene:
@@ -66,13 +68,14 @@ class Scene:
             MapFormatError: a map cannot be read.
             StartOccupied, GoalOccupied, OutsideMap, ScenarioError: something lies where it must not.
         """
-        grid, pillars, drawn = _load_world(scenario)
+        notes: list[str] = []
+        grid, pillars, drawn = _load_world(scenario, notes)
         if scenario.prior == "none":
             prior = None
         elif scenario.prior == "truth":
             prior = drawn
         else:
-            prior = load_map(scenario.file("prior"), scenario.resolution)
+            prior = load_map(scenario.file("prior"), scenario.resolution, notes)
         goal = None
         if scenario.goal is not None:
             goal = Goal(
@@ -89,6 +92,7 @@ class Scene:
             _landmarks(scenario),
             pose_of(scenario.start),
             goal,
+            tuple(notes),
         )
         scene._check(footprint)
         return scene
@@ -238,11 +242,11 @@ class Scene:
             raise GoalOccupied(f"{what} ({x:g}, {y:g}) is too tight: an unknown obstacle or the border stands there")
 
 
-def _load_world(scenario: Scenario) -> tuple[OccupancyGrid, tuple[Solid, ...], OccupancyGrid]:
+def _load_world(scenario: Scenario, notes: list[str]) -> tuple[OccupancyGrid, tuple[Solid, ...], OccupancyGrid]:
     """The grid of walls, the cylinders, and the map that shows both: of a BARN world the first is empty."""
     path = scenario.file("map")
     if file_kind(path) != "barn_world":
-        grid = load_map(path, scenario.resolution)
+        grid = load_map(path, scenario.resolution, notes)
         return grid, (), grid
     barn = load_barn_world(path)
     ends = [pose_of(scenario.start).position, *([] if scenario.goal is None else [np.array(scenario.goal[:2])])]

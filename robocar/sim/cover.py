@@ -113,7 +113,7 @@ def _greedy(candidates: Rectangles, left: NDArray[np.bool_]) -> Rectangles:
 @njit(cache=True)
 def _without_redundant(rectangles: Rectangles, shape: tuple[int, int]) -> Rectangles:
     """The rectangles without those whose cells others cover as well, the last chosen looked at first, (n, 4)."""
-    times = np.zeros(shape, dtype=np.int64)
+    times = np.zeros(shape, dtype=np.int32)
     for r0, c0, r1, c1 in rectangles:
         times[r0:r1, c0:c1] += 1
     keep = np.ones(len(rectangles), dtype=np.bool_)
