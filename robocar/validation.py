@@ -48,6 +48,22 @@ _POSITIVE = (
 )
 
 
+_PLAUSIBLE = {
+    "": (0.0, 1e6),
+    "timestep": (1e-4, 0.05),
+    "control_period": (1e-3, 10.0),
+    "period": (1e-4, 1e4),
+    "max_range": (1e-3, 1e4),
+    "beams": (1, 10_000),
+    "width": (1e-3, 4096),
+    "height": (1e-3, 4096),
+    "resolution": (1e-4, 1e3),
+    "friction_std": (0.0, 1.0),
+    "wheel_radius_std": (0.0, 0.5),
+}
+"""What physics and sensors can do at all; 0 is judged by `_POSITIVE`."""
+
+
 def read_mapping(path: Path, what: str) -> dict[str, Any]:
     """The mapping in a YAML file; `what` it is, for the message.
 
@@ -77,6 +93,9 @@ def refuse_senseless(cls: Any, values: Mapping[str, Any], where: str = "") -> No
         # An int may be larger than any float.
         if not (abs(value) <= sys.float_info.max and (value >= 0 if zero_is_fine else value > 0)):
             raise ValueError(f"{path}: expected a finite number {'from 0 on' if zero_is_fine else 'above 0'}, not {shown(value)}")
+        low, high = _PLAUSIBLE.get(name, _PLAUSIBLE[""])
+        if value != 0 and not low <= value <= high:
+            raise ValueError(f"{path}: expected a number from {low:g} to {high:g}, not {shown(value)}")
         if name == "dropout" and value > 1:
             raise ValueError(f"{path}: expected a share of the readings, 0 to 1, not {value}")
 

@@ -51,7 +51,9 @@ def check(path: Path, resolution: float | None) -> str:
     from robocar.scenario.scene import Scene
 
     scenario = load_scenario(path)
-    scene = Scene.load(scenario, scenario.robot_model().footprint)
+    model = scenario.robot_model()
+    model.describe(scenario.robot.fit_out, scenario.robot.sensors)
+    scene = Scene.load(scenario, model.footprint)
     for kind in ("navigator", "estimator", "mapper"):
         find(kind, getattr(scenario.defaults, kind))  # type: ignore[arg-type]
     try:

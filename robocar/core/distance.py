@@ -74,7 +74,11 @@ def lattice_distance(blocked: ArrayLike, subdivision: int) -> Array:
     for i in (0, 1):
         for j in (0, 1):  # A node belongs to a square where any of its four fine cells does.
             nodes[i : i + fine.shape[0], j : j + fine.shape[1]] |= fine
-    return np.sqrt(squared_to_centres(nodes)) / subdivision
+    del fine
+    distance = squared_to_centres(nodes)
+    np.sqrt(distance, out=distance)
+    distance /= subdivision
+    return distance
 
 
 def obstacle_distance(blocked: ArrayLike, resolution: float) -> Array:

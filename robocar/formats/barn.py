@@ -270,7 +270,7 @@ def _numbered(path: PathLike, prefix: str) -> dict[int, NDArray]:
     """The arrays `<prefix>_<number>` by number."""
     arrays = read_arrays(path)
     for name, array in arrays.items():
-        if not re.fullmatch(rf"{prefix}_\d+", name) or not np.issubdtype(array.dtype, np.number):
+        if not re.fullmatch(rf"{prefix}_\d{{1,9}}", name) or not np.issubdtype(array.dtype, np.number):
             raise MapFormatError(f"{path}: array {shown(name)} of type {array.dtype}; expected numbers named {prefix}_<number>")
     if not arrays:
         raise MapFormatError(f"{path}: holds no array {prefix}_<number>")

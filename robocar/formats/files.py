@@ -10,8 +10,8 @@ from robocar.core import MapFormatError, OutputError, ParameterError, RobocarErr
 from robocar.core.text import shown
 from robocar.reading import PathLike
 
-MAX_CELLS = 1 << 26
-"""Larger maps are refused before anything is allocated: 8192 x 8192 cells, 410 m x 410 m at 5 cm."""
+MAX_CELLS = 1 << 25
+"""Larger maps are refused before anything is allocated: 5792 x 5792 cells, 290 m x 290 m at 5 cm."""
 
 MAX_COORDINATE = 1e7
 """Where things may lie and how far they may be apart [m]: the coordinates of national grids fit in."""

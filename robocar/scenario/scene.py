@@ -231,7 +231,8 @@ class Scene:
                 continue
             if grid.occupied[cell]:
                 raise GoalOccupied(f"{what} ({x:g}, {y:g}) lies in a wall of the {name}")
-            room = float(ClearanceField(grid, grid.occupied).points(goal.position[None])[0])
+            near = _around(grid, cell, math.ceil(footprint.inscribed_radius / grid.resolution) + 1)
+            room = float(ClearanceField(near, near.occupied).points(goal.position[None])[0])
             if room < footprint.inscribed_radius:
                 raise GoalOccupied(
                     f"{what} ({x:g}, {y:g}) is too tight: the nearest wall of the {name} is {room:.3f} m away, "
@@ -240,6 +241,14 @@ class Scene:
         spot = Footprint.circle(footprint.inscribed_radius).at(SE2(float(x), float(y)))
         if self.clearance(spot) == 0.0:
             raise GoalOccupied(f"{what} ({x:g}, {y:g}) is too tight: an unknown obstacle or the border stands there")
+
+
+def _around(grid: OccupancyGrid, cell: tuple[int, int], reach: int) -> OccupancyGrid:
+    """The cells at most `reach` rows and columns from one."""
+    low = [max(0, index - reach) for index in cell]
+    rows, cols = (slice(first, index + reach + 1) for first, index in zip(low, cell, strict=True))
+    corner = grid.origin @ SE2(low[1] * grid.resolution, low[0] * grid.resolution)
+    return OccupancyGrid(grid.data[rows, cols], grid.resolution, corner)
 
 
 def _load_world(scenario: Scenario, notes: list[str]) -> tuple[OccupancyGrid, tuple[Solid, ...], OccupancyGrid]:
