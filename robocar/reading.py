@@ -14,7 +14,6 @@ import stat
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
 
 from robocar.core import MapFormatError, RobocarError
@@ -22,8 +21,8 @@ from robocar.core.text import shown
 
 PathLike: TypeAlias = str | os.PathLike[str]
 
-MAX_BYTES = 1 << 28
-"""Of a file, packed or not: 256 MiB, a log of a day, and four times the largest map."""
+MAX_BYTES = 1 << 27
+"""Of a file, packed or not: 128 MiB, a log of many hours, and four times the largest map."""
 MAX_TEXT = 1 << 22
 """Of a YAML or JSON file, which become objects of many times their size: 4 MiB."""
 MAX_NODES = 100_000
@@ -48,7 +47,7 @@ def _opened(path: PathLike, error: type[RobocarError]) -> Iterator[BinaryIO]:
     """A regular file, open. What it is, is asked of the open file, which nobody can exchange; a pipe is not waited for."""
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     try:
-        if Path(path).is_dir():  # which Windows does not open
+        if os.path.isdir(path):  # which Windows does not open
             raise error(f"{path}: not a file (a directory)")
         with open(os.open(path, flags), "rb") as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
@@ -87,11 +86,12 @@ def is_packed(data: bytes) -> bool:
 
 def gunzip(data: bytes, path: PathLike, error: type[RobocarError] = MapFormatError, limit: int = MAX_BYTES) -> bytes:
     """Unpacked bytes; never more than `limit`, however well they were packed."""
-    unpacked = bytearray()
+    unpacked = b""
     try:
         while data:
             unpacker = zlib.decompressobj(wbits=31)
-            unpacked += unpacker.decompress(data, limit + 1 - len(unpacked))
+            part = unpacker.decompress(data, limit + 1 - len(unpacked))
+            unpacked = unpacked + part if unpacked else part
             if len(unpacked) > limit:
                 raise error(f"{path}: unpacks to more than {limit} bytes, the most that is read of such a file")
             if not unpacker.eof:
@@ -99,7 +99,7 @@ def gunzip(data: bytes, path: PathLike, error: type[RobocarError] = MapFormatErr
             data = unpacker.unused_data.lstrip(b"\0")  # gzip's files may be appended to each other, and padded
     except zlib.error as failure:
         raise error(f"{path}: damaged or truncated gzip file ({failure})") from failure
-    return bytes(unpacked)
+    return unpacked
 
 
 def read_yaml(path: PathLike, error: type[RobocarError] = MapFormatError) -> Any:
@@ -271,6 +271,8 @@ def read_arrays(path: PathLike, error: type[RobocarError] = MapFormatError) -> M
                 name = entry.filename.removesuffix(".npy")
                 with archive.open(entry) as file:
                     version = npy.read_magic(file)
+                    if len(name) > MAX_DIGITS:
+                        raise ValueError(f"array {shown(name)}: its name is longer than {MAX_DIGITS} characters")
                     read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
                     shape, fortran, dtype = read_header(file)
                     if dtype.kind not in "biuf":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -82,11 +83,11 @@ def open_tape(source: Path) -> Tape:
     Raises:
         LogFormatError: nothing is there, or nothing that is known.
     """
-    if source.is_dir() and (source / "run.rrd").is_file():
+    if os.path.isdir(source) and (source / "run.rrd").is_file():
         return _run_tape(source)
-    if source.is_dir() and not is_log(source):
+    if os.path.isdir(source) and not is_log(source):
         raise LogFormatError(f"{source}: neither a run directory (run.rrd) nor an MRCLAM data set (Barcodes.dat)")
-    if source.is_file() and source.name == "run.rrd":
+    if os.path.isfile(source) and source.name == "run.rrd":
         return _run_tape(source.parent)
     return _log_tape(load_log(source))
 

@@ -251,7 +251,10 @@ def load_barn_index(path: PathLike) -> dict[int, BarnReference]:
         MapFormatError: a column is missing or holds no number; the message names line, column and value.
     """
     columns = ("world", "n_cylinders", "path_points", "runpy_path_length_m", "optimal_time_s_at_2mps", "maximin_clearance_m")
-    reader = csv.DictReader(io.StringIO(read_text(path)))
+    text = read_text(path)
+    if (longest := max(map(len, text.splitlines()), default=0)) > csv.field_size_limit():
+        raise MapFormatError(f"{path}: a line of {longest} characters, at most {csv.field_size_limit()} are read")
+    reader = csv.DictReader(io.StringIO(text))
     missing = [name for name in columns if name not in (reader.fieldnames or ())]
     if missing:
         raise MapFormatError(f"{path}, line 1: column {missing[0]} is missing, needed are {', '.join(columns)}")

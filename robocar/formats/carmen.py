@@ -118,7 +118,7 @@ def _count(words: list[str], at: int, more: int) -> int:
     if len(words) <= at:
         raise ValueError(f"{kind} without a number of beams")
     word = words[at]
-    count = int(word) if word.isdecimal() and len(word) < 20 else 0
+    count = int(word) if word.isdecimal() and len(word) < 40 else 0
     if count < 1:
         raise ValueError(f"{kind}: the number of beams must be a whole number above 0, not {shown(word[:40])}")
     needed = at + 1 + count + more

@@ -18,17 +18,15 @@ LONGEST = 81.8
 NOMINAL_PERIOD = 0.1
 """Between scans of a log without times [s]."""
 
-_OFTEN = (
-    5  # times as often as any other long range: no wall repeats to the last digit, the largest value that can be written does
-)
+_OFTEN = (5, 3)  # times as often as any range in the last 5 %, and in the upper half: walls scatter, the scale's end does not
 _PAUSE = 60.0  # [s] that a clock falls back where it was set anew; less is a message that came late
 
 
 def largest_range(ranges: Array, declared: Sequence[float] = ()) -> tuple[float, str]:
     """The range that a scanner was set to [m], and a note on how it was found, empty where the log says it.
 
-    It is the largest value of all where drivers are known to write that, or where it is written `_OFTEN` times as often as any
-    other in its upper half; else what the messages declare, else `LONGEST`.
+    It is the largest value of all where drivers are known to write that, or where it is written `_OFTEN` times as often as
+    others are; else what the messages declare, else `LONGEST`.
 
     Args:
         ranges: of all scans, (n,) [m].
@@ -41,9 +39,11 @@ def largest_range(ranges: Array, declared: Sequence[float] = ()) -> tuple[float,
     declared_range = min(float(said.max(initial=0.0)) or LONGEST, LONGEST)
     if top in NO_RETURN:
         return top, ""
-    counts = np.unique(finite[finite > 0.5 * top], return_counts=True)[1]
+    values, counts = np.unique(finite[finite > 0.5 * top], return_counts=True)
     often = int(counts[-1]) if counts.size else 0
-    if often >= _OFTEN and often >= _OFTEN * counts[:-1].max(initial=1) and finite.size > often and top < declared_range:
+    near = counts[:-1][values[:-1] > 0.95 * top].max(initial=1)
+    stands_out = often >= max(_OFTEN[0] * near, _OFTEN[1] * counts[:-1].max(initial=1))
+    if stands_out and finite.size > often and top < declared_range:
         return top, f"{often} ranges are exactly {top:g} m, the largest: taken for beams that saw nothing"
     return declared_range, ""
 

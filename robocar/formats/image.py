@@ -24,6 +24,7 @@ _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_DEPTHS = {0: (1, 2, 4, 8, 16), 2: (8, 16), 3: (1, 2, 4, 8), 4: (8, 16), 6: (8, 16)}
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 _TOKEN = re.compile(rb"(?:\s|#[^\r\n]*+)*+([^\s#]+)")
+_NO_SAMPLE = re.compile(rb"\S*[^\s0-9]\S*|[0-9]{10,}")
 _COMMENT = re.compile(rb"#[^\r\n]*+")
 
 
@@ -125,15 +126,15 @@ def _binary_samples(data: bytes, position: int, count: int, white: int, path: Pa
 
 
 def _plain_samples(data: bytes, position: int, count: int, white: int, path: PathLike) -> NDArray:
-    tokens = _COMMENT.sub(b" ", data[position:]).split()
-    if len(tokens) != count:
-        state = "truncated PGM" if len(tokens) < count else "PGM with too many pixels"
-        raise MapFormatError(f"{path}: {state}, the header announces {count} pixels, the file has {len(tokens)}")
-    for token in tokens:
-        if not token.isdigit() or len(token) > 9:
-            shown = token[:20].decode("latin-1")
-            raise MapFormatError(f"{path}: PGM sample {shown!r} is not an integer from 0 to {white}")
-    return np.array([int(token) for token in tokens], dtype=np.uint32)
+    text = _COMMENT.sub(b" ", data[position:])
+    if bad := _NO_SAMPLE.search(text):
+        what = bad[0][:20].decode("latin-1")
+        raise MapFormatError(f"{path}: PGM sample {shown(what)} is not an integer from 0 to {white}")
+    samples = np.fromstring(text, dtype=np.int64, sep=" ") if text.strip() else np.empty(0, np.int64)  # no list of as many texts
+    if samples.size != count:
+        state = "truncated PGM" if samples.size < count else "PGM with too many pixels"
+        raise MapFormatError(f"{path}: {state}, the header announces {count} pixels, the file has {samples.size}")
+    return samples.astype(np.uint32)
 
 
 def _read_png(data: bytes, path: PathLike) -> GreyImage:

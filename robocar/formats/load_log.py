@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from robocar.core import LogFormatError
@@ -28,12 +29,12 @@ def load_log(path: PathLike) -> Log:
         LogFormatError: nothing is there, or nothing that is known.
     """
     path = Path(path)
-    if not path.exists():
+    if not os.path.exists(path):
         raise LogFormatError(f"{path}: no such file or folder")
     if path.is_dir() and is_mrclam(path):
         return load_mrclam(path)
-    if path.is_file() and path.name.lower().endswith(".csv"):
+    if os.path.isfile(path) and path.name.lower().endswith(".csv"):
         return load_lidar_csv(path)
-    if path.is_file() and path.name.lower().endswith(_CARMEN_ENDINGS):
+    if os.path.isfile(path) and path.name.lower().endswith(_CARMEN_ENDINGS):
         return load_carmen(path)
     raise LogFormatError(f"{path}: not a log that is known; a log is a run directory, {LOG_KINDS}")

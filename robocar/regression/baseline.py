@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -110,10 +111,10 @@ def read_any(path: str | Path) -> Results:
         LogFormatError: it is none of these, or cannot be read.
     """
     path = Path(path)
-    if path.is_dir():
+    if os.path.isdir(path):
         if (path / "metrics.json").exists():
             return Results(path, (read_run(path),), {})
         return read_results(path)
-    if not path.exists():
+    if not os.path.exists(path):
         raise LogFormatError(f"{path}: no such file or folder")
     return read_parquet(path) if path.suffix == ".parquet" else read_baseline(path)

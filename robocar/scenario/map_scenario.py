@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ _SCENARIO_KEYS = {"map", "start", "goal", "defaults", "robot"}
 def is_map(name: str) -> bool:
     """Whether a file is a map and not a scenario (a name without a file is a scenario's)."""
     path = Path(name)
-    return path.is_file() and not is_scenario(path)
+    return os.path.isfile(path) and not is_scenario(path)
 
 
 def is_scenario(path: Path) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -250,7 +251,7 @@ class Scenario(_Model):
         """
         name = self.robot.model
         beside = self.folder / Path(name).expanduser()
-        return RobotModel.load(beside if name not in robot_names() and beside.exists() else name)
+        return RobotModel.load(beside if name not in robot_names() and os.path.exists(beside) else name)
 
     def file(self, field: str) -> Path:
         """The file that `map` or `prior` names: beside the scenario, in its parent folder, or in `models/`.
@@ -262,7 +263,7 @@ class Scenario(_Model):
         path = Path(name).expanduser()
         candidates = [path] if path.is_absolute() else [base / path for base in (self.folder, self.folder.parent, MODELS)]
         for candidate in candidates:
-            if candidate.is_file():
+            if os.path.isfile(candidate):
                 return candidate
         raise ScenarioError(f"scenario {self.name}: {field}: there is no file {name!r} beside it or in {MODELS.name}/")
 

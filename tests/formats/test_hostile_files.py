@@ -122,13 +122,11 @@ def test_yaml_that_people_write_is_taken() -> None:
     assert parse_yaml("", "t", ScenarioError) is None
 
 
-@given(
-    st.recursive(
-        st.none() | st.integers() | st.floats() | st.text() | st.binary(),
-        lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
-        max_leaves=60,
-    )
-)
+LEAVES = st.none() | st.integers() | st.floats() | st.text(max_size=200) | st.binary(max_size=200)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.recursive(LEAVES, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner), max_leaves=40))
 def test_any_value_is_shown_in_a_short_line(value: object) -> None:
     assert len(shown(value)) <= 100
     assert shown(value).isprintable()
@@ -151,7 +149,7 @@ ENDINGS = (".yaml", ".json", ".map", ".scen", ".world", ".world.gz", ".npz", ".t
 
 
 @pytest.mark.parametrize("reader", READERS)
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
 @given(content=CONTENT, ending=st.sampled_from(ENDINGS))
 def test_any_bytes_give_a_result_or_one_line(
     tmp_path_factory: pytest.TempPathFactory, reader: str, content: bytes, ending: str
