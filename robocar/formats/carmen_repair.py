@@ -18,7 +18,7 @@ LONGEST = 81.8
 NOMINAL_PERIOD = 0.1
 """Between scans of a log without times [s]."""
 
-_OFTEN = (5, 3)  # times as often as any range in the last 5 %, and in the upper half: walls scatter, the scale's end does not
+_OFTEN = (5, 3)  # times as often as any range in the last 1 %, and in the upper half: walls scatter, the scale's end does not
 _PAUSE = 60.0  # [s] that a clock falls back where it was set anew; less is a message that came late
 
 
@@ -41,7 +41,7 @@ def largest_range(ranges: Array, declared: Sequence[float] = ()) -> tuple[float,
         return top, ""
     values, counts = np.unique(finite[finite > 0.5 * top], return_counts=True)
     often = int(counts[-1]) if counts.size else 0
-    near = counts[:-1][values[:-1] > 0.95 * top].max(initial=1)
+    near = counts[:-1][values[:-1] > 0.99 * top].max(initial=1)
     stands_out = often >= max(_OFTEN[0] * near, _OFTEN[1] * counts[:-1].max(initial=1))
     if stands_out and finite.size > often and top < declared_range:
         return top, f"{often} ranges are exactly {top:g} m, the largest: taken for beams that saw nothing"
@@ -63,7 +63,7 @@ def repaired_times(stamps: Sequence[tuple[float, float]]) -> tuple[list[float], 
     everyone = list(range(len(stamps)))
     for column in columns:
         if np.isfinite(column).all() and np.all(np.diff(column) > 0):
-            return (column - column[0]).tolist(), everyone, ""
+            return _ascending(column - column[0]), everyone, ""
     for column in columns:
         known = np.flatnonzero(np.isfinite(column))
         steps = np.diff(column[known])
@@ -85,9 +85,17 @@ def repaired_times(stamps: Sequence[tuple[float, float]]) -> tuple[list[float], 
             )
             if count
         ]
-        return (times - times[0]).tolist(), order.tolist(), f"times put in order: {', '.join(done)}"
+        return _ascending(times - times[0]), order.tolist(), f"times put in order: {', '.join(done)}"
     times = [k * NOMINAL_PERIOD for k in everyone]
     return times, everyone, f"no stamps that ascend: scans are taken {NOMINAL_PERIOD:g} s apart" if len(times) > 1 else ""
+
+
+def _ascending(times: Array) -> list[float]:
+    """Times that differ by less than floats tell apart are moved apart."""
+    if np.all(np.diff(times) > 0):
+        return times.tolist()
+    steps = 1e-6 * np.arange(len(times))
+    return (np.maximum.accumulate(times - steps) + steps).tolist()
 
 
 def _spread(times: Array, usual: float) -> Array:

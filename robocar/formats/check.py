@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -117,7 +118,7 @@ def _check_scenarios(path: Path) -> FileReport:
     remarks = [] if scenarios else ["the file holds no query"]
     for name in sorted({line.map_name for line in scenarios}):
         map_path = path.parent / Path(name.replace("\\", "/")).name
-        if map_path.is_file():
+        if os.path.isfile(map_path):
             details.append(f"checked against {map_path.name}")
             remarks += _contradictions([line for line in scenarios if line.map_name == name], load_movingai_map(map_path))
         else:

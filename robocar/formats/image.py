@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robocar.core import MapFormatError
+from robocar.core.text import shown
 from robocar.formats.files import check_cells
 from robocar.formats.image_headers import image_kind, lossy, size_of
 from robocar.reading import PathLike, read_bytes

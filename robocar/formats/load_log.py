@@ -19,7 +19,7 @@ _CARMEN_ENDINGS = (".log", ".clf", ".gfs", ".log.gz", ".clf.gz", ".gfs.gz")
 def is_log(path: PathLike) -> bool:
     """Whether this is named as a log is, or is an MRCLAM folder."""
     path = Path(path)
-    return is_mrclam(path) if path.is_dir() else path.name.lower().endswith((".csv", *_CARMEN_ENDINGS))
+    return is_mrclam(path) if os.path.isdir(path) else path.name.lower().endswith((".csv", *_CARMEN_ENDINGS))
 
 
 def load_log(path: PathLike) -> Log:
@@ -31,7 +31,7 @@ def load_log(path: PathLike) -> Log:
     path = Path(path)
     if not os.path.exists(path):
         raise LogFormatError(f"{path}: no such file or folder")
-    if path.is_dir() and is_mrclam(path):
+    if os.path.isdir(path) and is_mrclam(path):
         return load_mrclam(path)
     if os.path.isfile(path) and path.name.lower().endswith(".csv"):
         return load_lidar_csv(path)

@@ -8,6 +8,7 @@ the next line. A measurement names a barcode; subjects 1 to 5 are robots, which 
 from __future__ import annotations
 
 import bisect
+import os
 from collections import Counter
 from itertools import pairwise
 from pathlib import Path
@@ -42,7 +43,7 @@ _COLUMNS = {
 
 def is_mrclam(folder: PathLike) -> bool:
     """Whether a folder is such a data set."""
-    return (Path(folder) / "Barcodes.dat").is_file()
+    return os.path.isfile(Path(folder) / "Barcodes.dat")
 
 
 def load_mrclam(folder: PathLike, robot: int | None = None) -> Log:
