@@ -208,10 +208,13 @@ def _read_bmp(data: bytes, path: PathLike) -> GreyImage:
 def _decode(data: bytes, path: PathLike, rows: int, cols: int) -> NDArray:
     import cv2
 
+    level = cv2.setLogLevel(0)  # what is wrong is said here, not by codecs on stderr
     try:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as failure:
-        raise MapFormatError(f"{path}: the image cannot be decoded ({failure.err})") from failure
+        raise MapFormatError(f"{path}: the image cannot be decoded ({shown(failure.err)})") from failure
+    finally:
+        cv2.setLogLevel(level)
     if pixels is None or pixels.shape[:2] != (rows, cols):
         raise MapFormatError(f"{path}: the image is damaged or truncated and cannot be decoded")
     return pixels
