@@ -208,13 +208,15 @@ def _read_bmp(data: bytes, path: PathLike) -> GreyImage:
 def _decode(data: bytes, path: PathLike, rows: int, cols: int) -> NDArray:
     import cv2
 
-    level = cv2.setLogLevel(0)  # what is wrong is said here, not by codecs on stderr
+    logging = cv2.utils.logging
+    level = logging.getLogLevel()
+    logging.setLogLevel(logging.LOG_LEVEL_SILENT)  # what is wrong is said here, not by codecs on stderr
     try:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as failure:
         raise MapFormatError(f"{path}: the image cannot be decoded ({shown(failure.err)})") from failure
     finally:
-        cv2.setLogLevel(level)
+        logging.setLogLevel(level)
     if pixels is None or pixels.shape[:2] != (rows, cols):
         raise MapFormatError(f"{path}: the image is damaged or truncated and cannot be decoded")
     return pixels

@@ -78,7 +78,7 @@ SEEDS: Mapping[str, tuple[bytes, tuple[str, ...]]] = {
 }
 """A good file of each format, and its readers."""
 
-_PIECES = (b"1e999", b"-1", b"nan", b"inf", b"9" * 50, b"[", b"]", b"{", b"}", b"*a", b"&a ", b"\0", b"\xff", b"\n", b" ", b"<", b">", b":")  # fmt: skip
+_PIECES = (*(b"1e999", b"-1", b"nan", b"inf", b"9" * 50), *(bytes([c]) for c in b"[]{}<>:&*\0\xff\n "))
 
 
 def mutated(k: int) -> tuple[str, bytes, tuple[str, ...]]:
