@@ -128,9 +128,12 @@ def _row(path: Path) -> tuple[Row, dict[str, str]]:
         raise _NotARun("not a run directory (no metrics.json)")
     try:
         content = read_json(path / "metrics.json", LogFormatError)
+    except LogFormatError as error:
+        raise _NotARun(f"metrics.json is damaged ({error})") from error
+    try:
         config = read_config(path)
     except LogFormatError as error:
-        raise _NotARun(str(error).removeprefix(f"{path}{os.sep}")) from error
+        raise _NotARun(f"config.yaml is damaged ({error})") from error
     try:
         if content["schema"] != SCHEMA:
             raise _NotARun(f"metrics.json of schema {content['schema']}, this is {SCHEMA}")
