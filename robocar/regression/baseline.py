@@ -13,7 +13,7 @@ from robocar.core.text import describe, shown
 from robocar.formats.files import write_atomically
 from robocar.metrics import declared
 from robocar.reading import read_json
-from robocar.regression.results import SCHEMA, Results, Row, read_parquet, read_results, read_run
+from robocar.regression.results import SCHEMA, Results, Row, read_parquet, read_results, read_run, seed_of
 
 KIND = "robocar-baseline"
 DIGITS = 6
@@ -93,7 +93,7 @@ def _row(name: str, run: Mapping[str, Any], versions: list[dict[str, str]]) -> R
     facts = {key: str(run[key]) for key in ("scenario", "navigator", "estimator", "mapper", "status")}
     return Row(
         name=name,
-        seed=int(run["seed"]),
+        seed=seed_of(run["seed"]),
         settings=json.dumps(run["settings"], sort_keys=True),
         reason="",
         hash=run["hash"],

@@ -141,11 +141,18 @@ def _row(path: Path) -> tuple[Row, dict[str, str]]:
         units = {str(name): str(metric["unit"]) for name, metric in content["metrics"].items()}
         facts = {name: str(content[name]) for name in ("scenario", "navigator", "estimator", "mapper", "status", "reason")}
         hashes = {name: None if content[name] is None else str(content[name]) for name in ("hash", "fingerprint")}
-        seed, versions = int(content["seed"]), dict(content.get("versions", {}))
+        seed, versions = seed_of(content["seed"]), dict(content.get("versions", {}))
     except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise _NotARun(f"metrics.json is damaged ({type(error).__name__}: {error})") from error
     text = json.dumps(config.get("settings") or {}, sort_keys=True, default=str)
     return Row(path.name, seed=seed, settings=text, metrics=metrics, versions=versions, **facts, **hashes), units  # type: ignore[arg-type]
+
+
+def seed_of(value: Any) -> int:
+    """A seed as files have it; ValueError for what is none."""
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 2**63:
+        raise ValueError(f"seed must be a non-negative integer, not {shown(value)}")
+    return value
 
 
 def _number(value: Any) -> float | None:

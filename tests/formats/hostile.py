@@ -185,6 +185,12 @@ BAD: Mapping[str, tuple[bytes | str, str]] = {
     "deep.json": ("[" * 200_000 + "]" * 200_000, "nested too deep"),
     "infinity.json": ('{"schema": 1, "kind": "robocar-baseline", "runs": {"a": {"seed": Infinity}}}', "Infinity"),
     "large.json": ('{"schema": 1, "kind": "robocar-baseline", "runs": {"a": {"seed": 1e999}}}', "1e999"),
+    "negative.json": (
+        '{"schema": 1, "kind": "robocar-baseline", "versions": [], "units": {}, "runs": {"a": {"seed": -5, "settings": {}, '
+        '"scenario": "a", "navigator": "a", "estimator": "a", "mapper": "a", "status": "a", "hash": null, "fingerprint": null, '
+        '"metrics": {}}}}',
+        "seed must be a non-negative integer, not -5",
+    ),
     "digits.json": ('{"schema": 1, "seed": ' + "9" * 100_000 + "}", "digits"),
     "twice.json": ('{"kind": "robocar-baseline", "kind": "x"}', "stands twice"),
     "times.tum": ("0 1e308 1e308 0 0 0 0 1\n1 -1e308 -1e308 0 0 0 0 1\n1e308 0 0 0 0 0 0 1\n", "line 1.*1e308"),
