@@ -19,7 +19,7 @@ MAX_COORDINATE = 1e7
 MAX_TIME = 1e10
 """Of stamps [s]: those since 1970 fit in."""
 
-RESOLUTIONS = (1e-4, 1e3)
+RESOLUTIONS = (1e-6, 1e6)
 """Sides of cells that are believed [m]."""
 
 

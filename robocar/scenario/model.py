@@ -14,7 +14,7 @@ from pydantic_core import core_schema
 
 from robocar.core import SE2, ScenarioError
 from robocar.core.solids import Box, Cylinder, Solid
-from robocar.formats.files import MAX_COORDINATE, RESOLUTIONS
+from robocar.formats.files import MAX_COORDINATE
 from robocar.paths import MODELS
 from robocar.sim.fit_out import FitOut
 from robocar.sim.movers import Motion, Mover
@@ -29,7 +29,7 @@ Angle = Annotated[Finite, Field(ge=-1e4, le=1e4)]  # [rad]
 Length = Annotated[Positive, Field(ge=1e-3, le=100.0)]  # [m] of things that stand or move in the world
 Tolerance = Annotated[Positive, Field(le=2.0)]  # [m] around a goal: a robot farther off has not arrived
 Turn = Annotated[Positive, Field(le=math.pi)]  # [rad]
-Side = Annotated[Positive, Field(ge=RESOLUTIONS[0], le=RESOLUTIONS[1])]  # [m] of a cell
+Side = Annotated[Positive, Field(ge=1e-3, le=1e3)]  # [m] of a cell
 Time = Annotated[NotNegative, Field(le=1e6)]  # [s]: eleven days
 Duration = Annotated[Positive, Field(ge=1e-3, le=1e6)]  # [s]
 Speed = Annotated[NotNegative, Field(le=100.0)]  # [m/s] or [rad/s]
