@@ -5,6 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?=
 PYTEST_ARGS ?= -n auto --dist worksteal
+LONG_TESTS ?= $(shell grep -rl ROBOCAR_LONG_TESTS tests --include=test_*.py)
 SETUP_INPUTS := pyproject.toml constraints.txt scripts/setup.sh
 
 export PYTHON
@@ -12,7 +13,7 @@ export MUJOCO_GL ?= egl
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo test check format format-check lint types regression baseline bench clean
+.PHONY: help demo test test-long check format format-check lint types regression baseline bench clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -35,6 +36,10 @@ demo: $(VENV)/.ready-demo ## drive the default scenario and say where its record
 
 test: $(VENV)/.ready-dev ## run all tests
 	@$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+# The tests that are skipped elsewhere because they take minutes: experiments in full, ten thousand damaged files.
+test-long: $(VENV)/.ready-dev ## run the long tests, and those beside them
+	@ROBOCAR_LONG_TESTS=1 $(BIN)/python -m pytest $(PYTEST_ARGS) $(LONG_TESTS)
 
 check: format-check lint types test ## all that a change has to pass: format, lint, types, tests
 

@@ -8,11 +8,12 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-import yaml
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError
 
 from robocar.core import ScenarioError
 from robocar.core.suggestions import did_you_mean
+from robocar.core.text import shown
+from robocar.reading import read_yaml
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -31,6 +32,8 @@ Positive = Annotated[float, BeforeValidator(_no_flag), Field(gt=0, allow_inf_nan
 Count = Annotated[int, BeforeValidator(_no_flag), Field(gt=0, le=2**53)]
 """As far as floats count."""
 
+_MOST_ERRORS = 20  # of one file that are shown
+
 _POSITIVE = (
     "period",
     "timestep",
@@ -45,19 +48,20 @@ _POSITIVE = (
 )
 
 
-class _Loader(yaml.SafeLoader):
-    """A key that stands twice in a mapping is an error, as YAML has it: PyYAML takes the second one silently."""
-
-    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
-        # Of the nodes as they are written, before `<<` merges others into them, whose keys may be set anew.
-        node = super().compose_mapping_node(anchor)
-        keys = [key for key, _ in node.value if isinstance(key, yaml.ScalarNode)]  # others are refused as unhashable
-        seen = set()
-        for key in keys:
-            if (key.tag, key.value) in seen:
-                raise yaml.MarkedYAMLError(problem=f"the key {key.value!r} stands twice", problem_mark=key.start_mark)
-            seen.add((key.tag, key.value))
-        return node
+_PLAUSIBLE = {
+    "": (0.0, 1e6),
+    "timestep": (1e-4, 0.05),
+    "control_period": (1e-3, 10.0),
+    "period": (1e-4, 1e4),
+    "max_range": (1e-3, 1e4),
+    "beams": (1, 10_000),
+    "width": (1e-3, 4096),
+    "height": (1e-3, 4096),
+    "resolution": (1e-4, 1e3),
+    "friction_std": (0.0, 1.0),
+    "wheel_radius_std": (0.0, 0.5),
+}
+"""What physics and sensors can do at all; 0 is judged by `_POSITIVE`."""
 
 
 def read_mapping(path: Path, what: str) -> dict[str, Any]:
@@ -66,18 +70,7 @@ def read_mapping(path: Path, what: str) -> dict[str, Any]:
     Raises:
         ScenarioError: the file cannot be read, or holds none; with the line where there is one.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, ValueError) as error:
-        raise ScenarioError(f"{path}: cannot be read: {error}") from error
-    try:
-        content = yaml.load(text, _Loader)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f" line {mark.line + 1}:" if mark is not None else ""
-        raise ScenarioError(f"{path}:{line} not YAML: {getattr(error, 'problem', error)}") from error
-    except (ValueError, RecursionError) as error:  # the date 2020-13-45, a number of 5000 digits, a thousand brackets
-        raise ScenarioError(f"{path}: not YAML: {error}") from error
+    content = read_yaml(path, ScenarioError)
     if not isinstance(content, dict):
         raise ScenarioError(f"{path}: {what} is a mapping of keys to values, not {type(content).__name__}")
     return content
@@ -99,9 +92,10 @@ def refuse_senseless(cls: Any, values: Mapping[str, Any], where: str = "") -> No
         zero_is_fine = name not in _POSITIVE or defaults[name] == 0
         # An int may be larger than any float.
         if not (abs(value) <= sys.float_info.max and (value >= 0 if zero_is_fine else value > 0)):
-            raise ValueError(
-                f"{path}: expected a finite number {'from 0 on' if zero_is_fine else 'above 0'}, not {_shown(value)}"
-            )
+            raise ValueError(f"{path}: expected a finite number {'from 0 on' if zero_is_fine else 'above 0'}, not {shown(value)}")
+        low, high = _PLAUSIBLE.get(name, _PLAUSIBLE[""])
+        if value != 0 and not low <= value <= high:
+            raise ValueError(f"{path}: expected a number from {low:g} to {high:g}, not {shown(value)}")
         if name == "dropout" and value > 1:
             raise ValueError(f"{path}: expected a share of the readings, 0 to 1, not {value}")
 
@@ -115,7 +109,9 @@ def validated(model: type[Model], content: Mapping[str, Any], where: str) -> Mod
     try:
         return model.model_validate(dict(content))
     except ValidationError as error:
-        raise ScenarioError(f"{where}: " + "; ".join(_explain(model, e) for e in error.errors())) from error
+        found = error.errors(include_url=False)
+        more = [f"and {len(found) - _MOST_ERRORS} more"] if len(found) > _MOST_ERRORS else []
+        raise ScenarioError(f"{where}: " + "; ".join([*(_explain(model, e) for e in found[:_MOST_ERRORS]), *more])) from error
 
 
 def _explain(model: type[BaseModel], error: Any) -> str:
@@ -130,17 +126,11 @@ def _explain(model: type[BaseModel], error: Any) -> str:
     if error["type"] == "missing":
         return f"missing key {field!r}"
     if error["type"] == "too_long":
-        return f"{field}: at most {error['ctx']['max_length']} numbers, not {_shown(error['input'])}"
+        return f"{field}: at most {error['ctx']['max_length']} numbers, not {shown(error['input'])}"
     message = error["msg"].removeprefix("Value error, ")
     if error["type"] == "value_error":
         return f"{field}: {message}" if field else message
-    return f"{field}: {message}, not {_shown(error['input'])}"
-
-
-def _shown(value: Any) -> str:
-    """As it is written in Python, or its beginning."""
-    text = repr(value)
-    return text if len(text) <= 100 else f"{text[:97]}..."
+    return f"{field}: {message}, not {shown(error['input'])}"
 
 
 def _keys_at(model: type[BaseModel], location: Sequence[int | str]) -> list[str]:

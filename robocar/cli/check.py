@@ -65,7 +65,9 @@ def check(path: Path, resolution: float | None, subject: int | None = None) -> s
 
     refuse_subject(path, subject)
     scenario = load_scenario(path)
-    scene = Scene.load(scenario, scenario.robot_model().footprint)
+    model = scenario.robot_model()
+    model.describe(scenario.robot.fit_out, scenario.robot.sensors)
+    scene = Scene.load(scenario, model.footprint)
     for kind in ("navigator", "estimator", "mapper"):
         find(kind, getattr(scenario.defaults, kind))  # type: ignore[arg-type]
     section = scenario.robot
@@ -84,6 +86,7 @@ def check(path: Path, resolution: float | None, subject: int | None = None) -> s
     facts = (
         f"{path}: scenario, {width:g} x {height:g} m, {prior}, {len(scenario.unknown_obstacles)} unknown obstacles, "
         f"{len(scene.movers)} movers, {len(scene.landmarks)} landmarks, at most {scenario.time_limit:g} s"
+        + "".join(f"\n  warning: {note}" for note in scene.notes)
     )
     return "\n".join([facts, *remarks])
 

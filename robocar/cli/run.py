@@ -110,6 +110,8 @@ def _report(result: RunResult, as_json: bool, debug: bool) -> int:
     from robocar.reporting.terminal import metrics_table, say
 
     say(metrics_table(result))
+    for note in result.notes:
+        say(f"warning: {note}")
     if result.traceback and debug:
         say(result.traceback)
     say(f"{result.status}: {result.reason}")

@@ -12,10 +12,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from robocar.core.distance_kernels import Blocked, squared_to_centres, squared_to_squares
 from robocar.core.geometry import Array
 from robocar.core.grid import GridMap
 
-Blocked = NDArray[np.bool_]
 EMPTY = np.int32(2**31 - 1)
 
 
@@ -23,60 +23,17 @@ class Pyramid(NamedTuple):
     """A grid at full, half, quarter ... size: the bounds of what is blocked inside each square of cells, in one flat array.
 
     Args:
-        boxes: left, low, right, high [cells] of the blocked squares, (n, 4), the finest level first, each row by row;
+        cells: the full size, level 0, where a box is the cell itself, (rows, cols).
+        boxes: left, low, right, high [cells] of the blocked squares of the levels from 1 on, (n, 4), each row by row;
             `EMPTY` where nothing is blocked.
-        starts: where each level starts in `boxes`, (levels,).
+        starts: where each level starts in `boxes`, that of level 0 not used, and the end of all, (levels + 1,).
         widths: its number of columns, (levels,).
     """
 
+    cells: Blocked
     boxes: NDArray[np.int32]
     starts: NDArray[np.int64]
     widths: NDArray[np.int64]
-
-
-@njit(cache=True)
-def _squared_transform(blocked: Blocked) -> Array:
-    """Squared distance in cells of every cell to the nearest blocked one (centre to centre), inf where there is none."""
-    rows, cols = blocked.shape
-    squared = np.empty((rows, cols))
-    # First pass along the columns: two sweeps suffice, as the input is binary. Row by row, as the cells lie in memory.
-    for col in range(cols):
-        squared[0, col] = 0.0 if blocked[0, col] else math.inf
-    for row in range(1, rows):
-        for col in range(cols):
-            squared[row, col] = 0.0 if blocked[row, col] else squared[row - 1, col] + 1.0
-    for row in range(rows - 2, -1, -1):
-        for col in range(cols):
-            squared[row, col] = min(squared[row, col], squared[row + 1, col] + 1.0)
-    vertex = np.empty(cols, dtype=np.int64)  # columns of the parabolas of the lower envelope
-    border = np.empty(cols + 1)  # where one parabola hands over to the next
-    height = np.empty(cols)
-    for row in range(rows):  # Second pass along the rows: lower envelope of the parabolas (q - p)^2 + f(p).
-        count = 0
-        for col in range(cols):
-            f = squared[row, col] * squared[row, col]
-            height[col] = f
-            if f == math.inf:
-                continue
-            start = -math.inf
-            while count > 0:
-                last = vertex[count - 1]
-                start = ((f + col * col) - (height[last] + last * last)) / (2.0 * (col - last))
-                if start > border[count - 1]:
-                    break
-                count -= 1
-                start = -math.inf
-            vertex[count], border[count] = col, start
-            count += 1
-        if count == 0:
-            continue
-        border[count] = math.inf
-        k = 0
-        for col in range(cols):
-            while border[k + 1] < col:
-                k += 1
-            squared[row, col] = (col - vertex[k]) ** 2 + height[vertex[k]]
-    return squared
 
 
 def distance_transform(blocked: ArrayLike, resolution: float = 1.0) -> Array:
@@ -91,7 +48,7 @@ def distance_transform(blocked: ArrayLike, resolution: float = 1.0) -> Array:
     Returns:
         (rows, cols) [m]; 0 on blocked cells, inf where nothing is blocked.
     """
-    distance = _squared_transform(_mask(blocked))
+    distance = squared_to_centres(_mask(blocked))
     np.sqrt(distance, out=distance)
     distance *= resolution
     return distance
@@ -117,7 +74,11 @@ def lattice_distance(blocked: ArrayLike, subdivision: int) -> Array:
     for i in (0, 1):
         for j in (0, 1):  # A node belongs to a square where any of its four fine cells does.
             nodes[i : i + fine.shape[0], j : j + fine.shape[1]] |= fine
-    return np.sqrt(_squared_transform(nodes)) / subdivision
+    del fine
+    distance = squared_to_centres(nodes)
+    np.sqrt(distance, out=distance)
+    distance /= subdivision
+    return distance
 
 
 def obstacle_distance(blocked: ArrayLike, resolution: float) -> Array:
@@ -130,7 +91,11 @@ def obstacle_distance(blocked: ArrayLike, resolution: float) -> Array:
     Returns:
         (rows, cols) [m]; 0 on blocked cells, inf where nothing is blocked.
     """
-    return lattice_distance(blocked, 2)[1::2, 1::2] * resolution
+    distance = squared_to_squares(_mask(blocked))
+    np.sqrt(distance, out=distance)
+    distance /= 2
+    distance *= resolution
+    return distance
 
 
 @njit(cache=True)
@@ -198,6 +163,20 @@ def _polygon_box(polygon: Array, left: float, low: float, right: float, high: fl
 
 
 @njit(cache=True)
+def _box(tree: Pyramid, level: int, row: int, col: int) -> tuple[float, float, float, float]:
+    """left, low, right, high of what is blocked in a square of a level; `EMPTY` where nothing is, and outside the grid."""
+    width = tree.widths[level]
+    if level == 0:
+        if row >= tree.cells.shape[0] or col >= width or not tree.cells[row, col]:
+            return float(EMPTY), 0.0, 0.0, 0.0
+        return float(col), float(row), col + 1.0, row + 1.0
+    k = tree.starts[level] + row * width + col
+    if col >= width or k >= tree.starts[level + 1]:
+        return float(EMPTY), 0.0, 0.0, 0.0
+    return float(tree.boxes[k, 0]), float(tree.boxes[k, 1]), float(tree.boxes[k, 2]), float(tree.boxes[k, 3])
+
+
+@njit(cache=True)
 def _tree_clearance(tree: Pyramid, polygon: Array) -> float:
     """Distance in cells from a convex polygon to the nearest blocked square: branch and bound over the pyramid."""
     left, right = polygon[:, 0].min(), polygon[:, 0].max()
@@ -206,9 +185,8 @@ def _tree_clearance(tree: Pyramid, polygon: Array) -> float:
     radius = 0.0
     for i in range(len(polygon)):
         radius = max(radius, math.hypot(polygon[i, 0] - cx, polygon[i, 1] - cy))
-    boxes, starts, widths = tree
-    levels = len(starts)
-    if boxes[starts[levels - 1], 0] == EMPTY:
+    levels = len(tree.widths)
+    if _box(tree, levels - 1, 0, 0)[0] == EMPTY:
         return math.inf
     stack = np.empty((3 * levels + 1, 3), dtype=np.int64)
     bounds = np.empty(3 * levels + 1)
@@ -226,10 +204,9 @@ def _tree_clearance(tree: Pyramid, polygon: Array) -> float:
         first = top
         for child_row in range(2 * row, 2 * row + 2):
             for child_col in range(2 * col, 2 * col + 2):
-                k = starts[level] + child_row * widths[level] + child_col
-                if child_col >= widths[level] or k >= starts[level + 1] or boxes[k, 0] == EMPTY:
+                x, y, x_end, y_end = _box(tree, level, child_row, child_col)
+                if x == EMPTY:
                     continue
-                x, y, x_end, y_end = float(boxes[k, 0]), float(boxes[k, 1]), float(boxes[k, 2]), float(boxes[k, 3])
                 dx = max(x - right, 0.0, left - x_end)
                 dy = max(y - high, 0.0, low - y_end)
                 around = max(0.0, math.sqrt(_point_box(cx, cy, x, y, x_end, y_end)) - radius)
@@ -271,9 +248,8 @@ def segment_clear(
     radius: float,
 ) -> bool:
     """Whether a disc can move straight: no blocked square nearer to the segment than `radius` (grid coordinates, in cells)."""
-    boxes, starts, widths = tree
-    levels = len(starts)
-    if boxes[starts[levels - 1], 0] == EMPTY:
+    levels = len(tree.widths)
+    if _box(tree, levels - 1, 0, 0)[0] == EMPTY:
         return True
     limit = radius * radius
     left, right = min(x0, x1) - radius, max(x0, x1) + radius
@@ -289,10 +265,9 @@ def segment_clear(
         level -= 1
         for child_row in range(2 * row, 2 * row + 2):
             for child_col in range(2 * col, 2 * col + 2):
-                k = starts[level] + child_row * widths[level] + child_col
-                if child_col >= widths[level] or k >= starts[level + 1] or boxes[k, 0] == EMPTY:
+                x, y, x_end, y_end = _box(tree, level, child_row, child_col)
+                if x == EMPTY:
                     continue
-                x, y, x_end, y_end = float(boxes[k, 0]), float(boxes[k, 1]), float(boxes[k, 2]), float(boxes[k, 3])
                 if x > right or x_end < left or y > high or y_end < low:
                     continue
                 if _segment_box(x0, y0, x1, y1, x, y, x_end, y_end) < limit:
@@ -305,20 +280,34 @@ def segment_clear(
 
 def pyramid(blocked: ArrayLike) -> Pyramid:
     """The pyramid of blocked cells (rows, cols)."""
-    blocked = _mask(blocked)
-    rows, cols = blocked.shape
-    row, col = np.indices((rows, cols), dtype=np.int32)
-    # With right and high negated, the union of boxes is a plain minimum.
-    levels = [np.where(blocked[..., None], np.stack([col, row, -col - 1, -row - 1], axis=-1), EMPTY)]
-    while levels[-1].size > 4:
-        rows, cols = levels[-1].shape[:2]
-        padded = np.pad(levels[-1], ((0, rows % 2), (0, cols % 2), (0, 0)), constant_values=EMPTY)
-        levels.append(np.minimum(*(np.minimum(padded[i::2, ::2], padded[i::2, 1::2]) for i in (0, 1))))
-    boxes = np.concatenate([level.reshape(-1, 4) for level in levels])
-    boxes[:, 2:] *= -1
-    starts = np.cumsum([0] + [level.size // 4 for level in levels[:-1]]).astype(np.int64)
-    widths = np.array([level.shape[1] for level in levels], dtype=np.int64)
-    return Pyramid(boxes, starts, widths)
+    cells = _mask(blocked)
+    rows, cols = cells.shape
+    widths, starts = [cols], [0, 0]
+    while rows * cols > 1:
+        rows, cols = (rows + 1) // 2, (cols + 1) // 2
+        widths.append(cols)
+        starts.append(starts[-1] + rows * cols)
+    tree = Pyramid(cells, np.full((starts[-1], 4), EMPTY, np.int32), np.array(starts), np.array(widths))
+    _fill(tree)
+    return tree
+
+
+@njit(cache=True)
+def _fill(tree: Pyramid) -> None:
+    """The boxes of each level from those of the level below: nothing is needed beside them, however large the map is."""
+    for level in range(1, len(tree.widths)):
+        width = tree.widths[level]
+        for k in range(tree.starts[level], tree.starts[level + 1]):
+            row, col = (k - tree.starts[level]) // width, (k - tree.starts[level]) % width
+            for child_row in range(2 * row, 2 * row + 2):
+                for child_col in range(2 * col, 2 * col + 2):
+                    left, low, right, high = _box(tree, level - 1, child_row, child_col)
+                    if left == EMPTY:
+                        continue
+                    if tree.boxes[k, 0] == EMPTY:
+                        tree.boxes[k, 2] = tree.boxes[k, 3] = 0
+                    tree.boxes[k, 0], tree.boxes[k, 1] = min(tree.boxes[k, 0], left), min(tree.boxes[k, 1], low)
+                    tree.boxes[k, 2], tree.boxes[k, 3] = max(tree.boxes[k, 2], right), max(tree.boxes[k, 3], high)
 
 
 class ClearanceField:

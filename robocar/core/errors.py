@@ -9,15 +9,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar, Literal
 
+from robocar.core.text import one_line
+
+MOST = 4000
+"""Characters of a message: lists of all that is wrong, or of all that is known, are long."""
+
 
 class RobocarError(Exception):
     """Root of all errors that name a cause outside the code: a file, an argument, a world without a way.
 
-    Its message is one line, whatever a parser's message that stands in it is.
+    Its message is one line that can be written, whatever a parser's message, a name or a value that stands in it is.
     """
 
     def __str__(self) -> str:
-        return " ".join(line.strip() for line in super().__str__().splitlines() if line.strip())
+        text = one_line(super().__str__())
+        return text if len(text) <= MOST else f"{text[:MOST]}..."
 
 
 class MapFormatError(RobocarError):

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import heapq
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from numba import njit
@@ -21,6 +22,7 @@ from robocar.core.grid import GridMap
 from robocar.core.plan import Path
 
 MAX_NODES = 1_100_000  # of the lattice: 512 x 512 cells get half cells, small maps up to 1/16
+WHOLE = 4 * MAX_NODES  # of the half cells: larger maps are searched part by part
 TOUCH = 1e-6  # [cells] a disc as wide as a gap would touch both its sides, and a point a corner: it keeps this far off
 
 
@@ -32,24 +34,27 @@ def _search(
     start: int,
     goal: int,
     radius: float,
+    memory: tuple[Array, NDArray[np.int32], Blocked],
 ) -> NDArray[np.int64]:
-    """Lazy Theta* over the active nodes (flat indices); returns the nodes of the path, goal first, empty if there is none."""
+    """Lazy Theta* over the active nodes (flat indices); returns the nodes of the path, goal first, empty if there is none.
+
+    `memory` is zeros for each node: the cost [fine steps], the parent's index plus 1 (without one the cost is none yet), whether
+    the node is closed. NumPy makes it outside: of its zeros only what is written to takes space, here it would all do.
+    """
     rows, cols = active.shape
-    cost = np.full(rows * cols, math.inf)  # [fine steps]
-    parent = np.full(rows * cols, -1, dtype=np.int64)
-    closed = np.zeros(rows * cols, dtype=np.bool_)
+    cost, parent, closed = memory
     goal_row, goal_col = goal // cols, goal % cols
-    cost[start], parent[start] = 0.0, start
+    cost[start], parent[start] = 0.0, start + 1
     queue: list[tuple[float, int]] = [(math.hypot(start // cols - goal_row, start % cols - goal_col), start)]
     while len(queue) > 0:
         _, node = heapq.heappop(queue)
         if closed[node]:
             continue
         row, col = node // cols, node % cols
-        p = parent[node]
+        p = parent[node] - 1
         if not segment_clear(tree, (p % cols) / fine, (p // cols) / fine, col / fine, row / fine, radius):
             # The view that was assumed is not there: enter by the best expanded neighbour instead (SetVertex of the paper).
-            cost[node], parent[node] = math.inf, -1
+            cost[node], parent[node] = math.inf, 0
             for step in (1, fine):
                 for i in (-step, 0, step):
                     for j in (-step, 0, step):
@@ -58,13 +63,13 @@ def _search(
                             continue
                         through = cost[r * cols + c] + math.hypot(i, j)
                         if through < cost[node] and segment_clear(tree, c / fine, r / fine, col / fine, row / fine, radius):
-                            cost[node], parent[node] = through, r * cols + c
-            if parent[node] < 0:
+                            cost[node], parent[node] = through, r * cols + c + 1
+            if parent[node] == 0:
                 continue
         closed[node] = True
         if node == goal:
             break
-        p = parent[node]
+        p = parent[node] - 1
         for step in (1, fine):
             for i in (-step, 0, step):
                 for j in (-step, 0, step):
@@ -75,14 +80,14 @@ def _search(
                     if closed[k]:
                         continue
                     through = cost[p] + math.hypot(r - p // cols, c - p % cols)
-                    if through < cost[k] - 1e-9:
-                        cost[k], parent[k] = through, p
+                    if parent[k] == 0 or through < cost[k] - 1e-9:
+                        cost[k], parent[k] = through, p + 1
                         heapq.heappush(queue, (through + math.hypot(r - goal_row, c - goal_col), k))  # type: ignore[arg-type]
     if not closed[goal]:
         return np.empty(0, dtype=np.int64)
-    nodes = [goal]
+    nodes = [np.int64(goal)]
     while nodes[-1] != start:
-        nodes.append(parent[nodes[-1]])
+        nodes.append(np.int64(parent[nodes[-1]] - 1))
     return np.array(nodes)
 
 
@@ -187,13 +192,28 @@ def geodesic_path(grid: GridMap, blocked: ArrayLike, start: ArrayLike, goal: Arr
     if not grid.contains(np.floor(ends[:, ::-1])).all():
         return None
     disc = radius / grid.resolution + TOUCH  # [cells]
+    taut, corner = None, np.zeros(2)
+    for window, least in _windows(mask.shape, ends, disc):
+        corner = np.array([window[1].start, window[0].start], dtype=float)
+        taut = _taut_path(np.ascontiguousarray(mask[window]), ends - corner, disc)
+        if (taut is not None and _length(taut) <= least) or math.isinf(least):
+            break
+    if taut is None:
+        return None
+    points = grid.origin.transform((taut + corner) * grid.resolution)
+    points[0], points[-1] = start, goal
+    return Path(points)
+
+
+def _taut_path(mask: Blocked, ends: Array, disc: float) -> Array | None:
+    """`geodesic_path` between two points (2, 2), a polyline (n, 2), in cells."""
     tree = pyramid(mask)
     if not all(segment_clear(tree, x, y, x, y, disc) for x, y in ends):
         return None
     if segment_clear(tree, ends[0, 0], ends[0, 1], ends[1, 0], ends[1, 1], disc):
-        return Path(np.stack([start, goal]))
+        return ends
     fine = 2
-    while fine < 16 and (2 * fine * grid.shape[0] + 1) * (2 * fine * grid.shape[1] + 1) <= MAX_NODES:
+    while fine < 16 and (2 * fine * mask.shape[0] + 1) * (2 * fine * mask.shape[1] + 1) <= MAX_NODES:
         fine *= 2
     clearance = lattice_distance(mask, fine)
     # All nodes within a cell of where the disc touches, where the path may bend and squeeze; in the open the cells' centres do.
@@ -205,15 +225,38 @@ def geodesic_path(grid: GridMap, blocked: ArrayLike, start: ArrayLike, goal: Arr
     cols = active.shape[1]
     paths = []
     for here, there in ((last, first), (first, last)):  # Each direction has its own blind spots: the shorter path is the result.
-        nodes = _search(tree, active, fine, here, there, disc)
+        memory = (np.zeros(active.size), np.zeros(active.size, np.int32), np.zeros(active.size, np.bool_))
+        nodes = _search(tree, active, fine, here, there, disc, memory)
         if len(nodes) == 0:
             return None
         between = (np.stack([nodes % cols, nodes // cols], axis=1) / fine)[:: 1 if here == last else -1]
-        taut = _pull_taut(tree, np.concatenate([ends[:1], between, ends[1:]]), disc, 5e-5)
-        points = grid.origin.transform(taut * grid.resolution)
-        points[0], points[-1] = start, goal
-        paths.append(Path(points))
-    return min(paths, key=lambda path: path.length)
+        paths.append(_pull_taut(tree, np.concatenate([ends[:1], between, ends[1:]]), disc, 5e-5))
+    return min(paths, key=_length)
+
+
+def _length(points: Array) -> float:
+    return float(np.hypot(*np.diff(points, axis=0).T).sum())
+
+
+def _windows(shape: tuple[int, ...], ends: Array, disc: float) -> Iterator[tuple[tuple[slice, slice], float]]:
+    """Ever larger parts (rows, cols) of a large map around both ends; and how long a path is at least that comes near the rim of
+    such a part [cells], so that a shorter one has been found in it is the shortest of all. The last part is the whole map."""
+    rows, cols = shape
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    margin = max(64.0, 0.25 * math.dist(*ends)) + disc
+    while 4 * rows * cols > WHOLE:
+        (left, bottom), (right, top) = np.floor(low - margin).astype(int).tolist(), np.ceil(high + margin).astype(int).tolist()
+        window = slice(max(0, bottom), min(rows, top)), slice(max(0, left), min(cols, right))
+        inside = (bottom > 0, top < rows, left > 0, right < cols)
+        if not any(inside):
+            break
+        # To a line beyond both ends and back, as the mirror image of one end shows. Nearer to the rim, what lies outside counts.
+        apart = margin - disc - 2.0
+        across = high - low
+        by_side = [math.hypot(across[1 - axis], across[axis] + 2.0 * apart) for axis in (1, 1, 0, 0)]
+        yield window, min(bound for bound, open_side in zip(by_side, inside, strict=True) if open_side)
+        margin *= 2.0
+    yield (slice(0, rows), slice(0, cols)), math.inf
 
 
 def geodesic_distance(grid: GridMap, blocked: ArrayLike, start: ArrayLike, goal: ArrayLike, radius: float) -> float:

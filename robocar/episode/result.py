@@ -34,6 +34,7 @@ class RunResult:
         efforts: of the commands that say that something was computed for them.
         directory: where the files are, None if none were asked for.
         traceback: of a part that raised, else empty.
+        notes: on the scenario's files: what is legal but probably not meant.
     """
 
     scenario: str
@@ -51,6 +52,7 @@ class RunResult:
     efforts: tuple[Effort, ...] = ()
     directory: Path | None = None
     traceback: str = ""
+    notes: tuple[str, ...] = ()
 
     @property
     def success(self) -> bool:

@@ -204,6 +204,7 @@ class _Subject:
             odometry=Trajectory(frozen_array(times), frozen_array(odometry)),
             efforts=tuple(judge.efforts),
             traceback=judge.traceback,
+            notes=self.scene.notes,
         )
 
     def _tracks(self, ticks: list[Tick]) -> dict[str, Track]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from robocar.core import (
     SE2,
@@ -23,10 +23,12 @@ from robocar.core import (
     Scan,
     wrap_angles,
 )
+from robocar.core.text import describe
 from robocar.core.truth import GroundTruth
 from robocar.formats import Trajectory
 from robocar.formats.load_log import is_log, load_log, refuse_subject
 from robocar.formats.log import Log
+from robocar.reading import read_yaml
 from robocar.scenario.model import Scenario
 from robocar.scenario.scene import Scene
 from robocar.sim.robot_model import RobotModel
@@ -57,8 +59,8 @@ class Tape:
 
     @property
     def summary(self) -> str:
-        """How long it is, and which lines of the log made no sense."""
-        text = f"{len(self.steps)} observations of {self.log.path}"
+        """How long it is, what was repaired in the log, and which of its lines made no sense."""
+        text = "; ".join([f"{len(self.steps)} observations of {self.log.path}", *self.log.notes])
         if self.log.skipped:
             first = "; ".join(self.log.skipped[:3])
             text += f", {len(self.log.skipped)} lines skipped ({first}{'; ...' if len(self.log.skipped) > 3 else ''})"
@@ -84,12 +86,12 @@ def open_tape(source: Path, subject: int | None = None) -> Tape:
     Raises:
         LogFormatError: nothing is there, or nothing that is known.
     """
-    if source.is_dir() and (source / "run.rrd").is_file():
+    if os.path.isdir(source) and (source / "run.rrd").is_file():
         refuse_subject(source, subject)
         return _run_tape(source)
-    if source.is_dir() and not is_log(source):
+    if os.path.isdir(source) and not is_log(source):
         raise LogFormatError(f"{source}: neither a run directory (run.rrd) nor an MRCLAM data set (Barcodes.dat)")
-    if source.is_file() and source.name == "run.rrd":
+    if os.path.isfile(source) and source.name == "run.rrd":
         refuse_subject(source, subject)
         return _run_tape(source.parent)
     return _log_tape(load_log(source, subject), subject)
@@ -125,15 +127,15 @@ def _run_tape(folder: Path) -> Tape:
     """A run of ours: its recording holds what was sensed, its `config.yaml` the world."""
     from robocar.recording import read_observations, read_trajectory
 
+    config = read_yaml(folder / "config.yaml", LogFormatError)
     try:
-        config = yaml.safe_load((folder / "config.yaml").read_text())
         seed, settings, estimator = int(config["seed"]), dict(config["settings"]), str(config["estimator"])
         if config["navigator"] == "replay" and config["scenario"]["map"] == "none":
             raise LogFormatError(f"{folder}: the replay of a log holds no world; replay the log itself")
         place = {"folder": Path(config["folder"])} if "folder" in config else {}
         scenario = Scenario.model_validate(config["scenario"] | place)
-    except (OSError, KeyError, TypeError, ValueError, yaml.YAMLError) as error:
-        raise LogFormatError(f"{folder / 'config.yaml'}: not the configuration of a run: {error}") from error
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise LogFormatError(f"{folder / 'config.yaml'}: not the configuration of a run: {describe(error)}") from error
     model = scenario.robot_model()
     robot = model.describe(scenario.robot.fit_out, scenario.robot.sensors)
     scene = Scene.load(scenario, model.footprint)

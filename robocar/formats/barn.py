@@ -11,15 +11,15 @@ import io
 import math
 import re
 import xml.etree.ElementTree as ElementTree
-import zipfile
-import zlib
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robocar.core import FREE, OCCUPIED, SE2, Array, MapFormatError, OccupancyGrid, OutputError, frozen_array
-from robocar.formats.files import PathLike, check_cells, check_resolution, gunzip, read_bytes, read_text
+from robocar.core.text import shown
+from robocar.formats.files import MAX_COORDINATE, check_cells, check_resolution
+from robocar.reading import MAX_TEXT, PathLike, gunzip, is_packed, read_arrays, read_bytes, read_text
 
 CELL_SIZE = 0.15
 """Lattice of the benchmark [m]."""
@@ -33,6 +33,9 @@ GOAL = (-2.25, 13.0)
 
 FIELD_CORNER = (-4.425, 5.175)
 """Centre of cell (0, 0) of the field, the reference paths' own grid: rows run along x, columns along y [m]."""
+
+MAX_CYLINDERS = 10_000
+"""Of a world: each is a body in physics. Those of the benchmark have some hundreds."""
 
 _HARMLESS_MODELS = ("ground_plane", "sun")
 
@@ -53,6 +56,11 @@ class BarnWorld:
             raise ValueError(f"a world needs finite cylinders (n, 3), not shape {cylinders.shape}")
         if np.any(cylinders[:, 2] <= 0):
             raise ValueError("the radius of a cylinder must be positive")
+        if cylinders.size > 3 * MAX_CYLINDERS:
+            raise ValueError(f"{len(cylinders)} cylinders, at most {MAX_CYLINDERS} are allowed")
+        far = np.abs(cylinders).max(axis=1, initial=0.0)
+        if np.any(far > MAX_COORDINATE):
+            raise ValueError(f"cylinder {cylinders[far.argmax()].tolist()}: x, y and radius must be within {MAX_COORDINATE:g} m")
         object.__setattr__(self, "cylinders", cylinders)
 
     def grid(self, resolution: float = CELL_SIZE, bounds: tuple[float, float, float, float] | None = None) -> OccupancyGrid:
@@ -83,13 +91,16 @@ class BarnWorld:
         if rows < 1 or cols < 1:
             raise ValueError(f"empty bounds {bounds}")
         data = np.full((rows, cols), FREE, np.int8)
+        covered = 0
         for centre_x, centre_y, r in self.cylinders / resolution - [*low, 0]:
             top, left = max(0, math.floor(centre_y - r)), max(0, math.floor(centre_x - r))
             window = data[top : max(0, math.ceil(centre_y + r)), left : max(0, math.ceil(centre_x + r))]
-            row, col = np.indices(window.shape)
-            dx = np.maximum(np.abs(left + col + 0.5 - centre_x) - 0.5, 0)
-            dy = np.maximum(np.abs(top + row + 0.5 - centre_y) - 0.5, 0)
-            window[np.hypot(dx, dy) < r - slack] = OCCUPIED
+            covered += window.size
+            check_cells("BARN world: all that its cylinders cover", 1, covered)
+            dx = np.maximum(np.abs(left + np.arange(window.shape[1]) + 0.5 - centre_x) - 0.5, 0)
+            for row, cells in enumerate(window):
+                dy = max(abs(top + row + 0.5 - centre_y) - 0.5, 0)
+                cells[np.hypot(dx, dy) < r - slack] = OCCUPIED
         return OccupancyGrid(data, resolution, SE2(low[0] * resolution, low[1] * resolution))
 
 
@@ -120,9 +131,9 @@ def load_barn_world(path: PathLike) -> BarnWorld:
     Raises:
         MapFormatError: no SDF, damaged, no cylinders, a shape that is no upright cylinder; the message names model and value.
     """
-    data = read_bytes(path)
-    if data.startswith(b"\x1f\x8b"):
-        data = gunzip(data, path)
+    data = read_bytes(path, limit=MAX_TEXT)
+    if is_packed(data):
+        data = gunzip(data, path, limit=MAX_TEXT)
     try:
         root = ElementTree.fromstring(data)
     except (ElementTree.ParseError, ValueError, LookupError) as failure:
@@ -134,12 +145,15 @@ def load_barn_world(path: PathLike) -> BarnWorld:
         uri = (include.findtext("uri") or "").strip()
         if uri.removeprefix("model://") not in _HARMLESS_MODELS:
             raise MapFormatError(
-                f"{path}: include {uri!r} cannot be resolved, only {' and '.join(_HARMLESS_MODELS)} may be included"
+                f"{path}: include {shown(uri)} cannot be resolved, only {' and '.join(_HARMLESS_MODELS)} may be included"
             )
     cylinders = [cylinder for model in world.findall("model") for cylinder in _model_cylinders(path, model)]
     if not cylinders:
         raise MapFormatError(f"{path}: the world holds no cylinder")
-    return BarnWorld(np.array(cylinders))
+    try:
+        return BarnWorld(np.array(cylinders))
+    except ValueError as failure:
+        raise MapFormatError(f"{path}: {failure}") from failure
 
 
 def _model_cylinders(path: PathLike, model: ElementTree.Element) -> list[tuple[float, float, float]]:
@@ -170,7 +184,7 @@ def _pose(name: str, element: ElementTree.Element) -> SE2:
         return SE2()
     frame = pose.get("frame") or pose.get("relative_to")
     if frame:
-        raise MapFormatError(f"{name}: pose relative to frame {frame!r} is not supported, only poses in the parent's frame")
+        raise MapFormatError(f"{name}: pose relative to frame {shown(frame)} is not supported, only poses in the parent's frame")
     if not (pose.text or "").strip():
         return SE2()
     x, y, _, roll, pitch, yaw = _numbers(name, "pose", pose.text, 6)
@@ -185,7 +199,7 @@ def _numbers(name: str, field: str, text: str | None, count: int) -> list[float]
     except ValueError:
         values = []
     if len(values) != count or not all(math.isfinite(value) for value in values):
-        raise MapFormatError(f"{name}: {field} must be {count} finite number{'s' * (count > 1)}, not {text!r}")
+        raise MapFormatError(f"{name}: {field} must be {count} finite number{'s' * (count > 1)}, not {shown(text)}")
     return values
 
 
@@ -205,7 +219,7 @@ def load_barn_grids(path: PathLike) -> dict[int, OccupancyGrid]:
 
     The file's rows run along x and its columns along y, so each is transposed.
     """
-    arrays = _npz(path)
+    arrays = read_arrays(path)
     for name in ("index", "grids"):
         if name not in arrays:
             raise MapFormatError(f"{path}: array {name} is missing, the file has {', '.join(sorted(arrays)) or 'none'}")
@@ -237,7 +251,10 @@ def load_barn_index(path: PathLike) -> dict[int, BarnReference]:
         MapFormatError: a column is missing or holds no number; the message names line, column and value.
     """
     columns = ("world", "n_cylinders", "path_points", "runpy_path_length_m", "optimal_time_s_at_2mps", "maximin_clearance_m")
-    reader = csv.DictReader(io.StringIO(read_text(path)))
+    text = read_text(path)
+    if (longest := max(map(len, text.splitlines()), default=0)) > csv.field_size_limit():
+        raise MapFormatError(f"{path}: a line of {longest} characters, at most {csv.field_size_limit()} are read")
+    reader = csv.DictReader(io.StringIO(text))
     missing = [name for name in columns if name not in (reader.fieldnames or ())]
     if missing:
         raise MapFormatError(f"{path}, line 1: column {missing[0]} is missing, needed are {', '.join(columns)}")
@@ -247,28 +264,17 @@ def load_barn_index(path: PathLike) -> dict[int, BarnReference]:
         values = [_numbers(where, name, row[name], 1)[0] for name in columns]
         for name, value in zip(columns[:3], values, strict=False):
             if value != int(value):
-                raise MapFormatError(f"{where}: {name} must be an integer, not {row[name]!r}")
+                raise MapFormatError(f"{where}: {name} must be an integer, not {shown(row[name])}")
         references[int(values[0])] = BarnReference(int(values[1]), int(values[2]), *values[3:])
     return references
 
 
-def _npz(path: PathLike) -> dict[str, NDArray]:
-    try:
-        with np.load(io.BytesIO(read_bytes(path)), allow_pickle=False) as archive:
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise MapFormatError(f"{path}: a single array, not an .npz archive of named arrays")
-            arrays = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error, MemoryError) as failure:
-        raise MapFormatError(f"{path}: no .npz archive of plain arrays, or damaged ({failure})") from failure
-    return arrays
-
-
 def _numbered(path: PathLike, prefix: str) -> dict[int, NDArray]:
     """The arrays `<prefix>_<number>` by number."""
-    arrays = _npz(path)
+    arrays = read_arrays(path)
     for name, array in arrays.items():
-        if not re.fullmatch(rf"{prefix}_\d+", name) or not np.issubdtype(array.dtype, np.number):
-            raise MapFormatError(f"{path}: array {name!r} of type {array.dtype}; expected numbers named {prefix}_<number>")
+        if not re.fullmatch(rf"{prefix}_\d{{1,9}}", name) or not np.issubdtype(array.dtype, np.number):
+            raise MapFormatError(f"{path}: array {shown(name)} of type {array.dtype}; expected numbers named {prefix}_<number>")
     if not arrays:
         raise MapFormatError(f"{path}: holds no array {prefix}_<number>")
     return {int(name.removeprefix(f"{prefix}_")): array for name, array in arrays.items()}

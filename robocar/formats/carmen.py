@@ -1,7 +1,13 @@
 """Laser logs of the Carnegie Mellon Robot Navigation Toolkit (CARMEN), the format of most public 2D laser data sets.
 
-One message a line, `FLASER n r1 ... rn x y theta odom_x odom_y odom_theta ipc_timestamp host logger_timestamp`: n ranges [m] from
-right to left, the laser's pose (in corrected logs that of a SLAM system), and the odometry's. Other messages are left aside.
+One message a line, and three kinds of scans:
+
+* `FLASER n r1 ... rn x y theta odom_x odom_y odom_theta ipc_timestamp host logger_timestamp`: n ranges [m] from right to left,
+  the laser's pose (in corrected logs that of a SLAM system), and the odometry's;
+* `ROBOTLASER1`, which newer loggers write beside or instead: angles and the largest range come first, see `_robotlaser`;
+* `LASER_READING n r1 ... rn x y theta time`, as GMapping writes (`.gfs`): one pose, of the odometry.
+
+A log is read by the first of these kinds that it has. Other messages are left aside.
 """
 
 from __future__ import annotations
@@ -13,23 +19,21 @@ from typing import Literal
 
 import numpy as np
 
-from robocar.core import SE2, Array, LogFormatError, MapFormatError, Observation, Reading, Scan
-from robocar.formats.files import PathLike, gunzip, read_bytes
+from robocar.core import SE2, Array, LogFormatError, Observation, Reading, Scan
+from robocar.core.text import shown
+from robocar.formats.carmen_repair import NO_RETURN, largest_range, repaired_times
+from robocar.formats.files import MAX_COORDINATE
 from robocar.formats.log import Log
+from robocar.reading import PathLike, gunzip, is_packed, read_bytes
 
-NO_RETURN = (32.767, 50.0)
-"""What drivers write where nothing was seen, besides everything from `LONGEST` on [m]."""
-
-LONGEST = 81.8
-"""SICK scanners count up to 8191 centimetres, the last ones of which are error codes [m]."""
-
-NOMINAL_PERIOD = 0.1
-"""Between scans of a log whose timestamps do not ascend [s]."""
+MAX_BEAMS = 100_000
+"""Of a scan."""
 
 _OTHERS = {
-    *("PARAM", "SYNC", "NEFF", "MARKER", "TRUEPOS", "RLASER", "ODOM", "ROBOTLASER1", "ROBOTLASER2", "RAWLASER1", "RAWLASER2"),
+    *("PARAM", "SYNC", "NEFF", "MARKER", "TRUEPOS", "RLASER", "ODOM", "ROBOTLASER2", "RAWLASER1", "RAWLASER2"),
     *("RAWLASER3", "RAWLASER4", "LASER3", "LASER4", "REMISSIONFLASER", "REMISSIONRLASER", "SONAR", "BUMPER", "IMU", "GPS"),
     *("NMEAGGA", "NMEARMC", "WIFI", "SCANMARK", "POSITIONLASER", "PANTILT", "VECTORMOVE", "ROBOTVELOCITY", "FOLLOWTRAJECTORY"),
+    *("ODO_UPDATE", "SM_UPDATE", "RESAMPLE", "ENTROPY"),  # of GMapping
     *("ARM", "SONAR1", "POS", "SCRIPT", "PANTILTSTATUS", "LOCALIZE", "LEVEL", "SIMULATOR"),
 }
 
@@ -40,13 +44,16 @@ class _Scan:
     laser: SE2
     odometry: SE2
     stamps: tuple[float, float]  # of the logger and of the message [s], nan where there is none
+    bearings: Array
+    largest: float = math.nan  # range of the scanner, where the message says it [m]
 
 
 def load_carmen(path: PathLike, pose: Literal["laser", "odometry"] = "laser") -> Log:
     """Read a CARMEN log, packed by gzip or not.
 
     Each scan becomes one observation with the laser at the robot's origin. Ranges that stand for nothing seen become inf, zero
-    and negative ones nan. Times are the logger's, else the messages', else, where neither ascends, 0.1 s apart.
+    and negative ones nan: `carmen_repair.largest_range` finds the one that the scanner was set to. Times are the logger's, else
+    the messages', put in order where a few of them fall, else 0.1 s apart. `Log.notes` says what was done.
 
     Args:
         path: the log.
@@ -58,69 +65,125 @@ def load_carmen(path: PathLike, pose: Literal["laser", "odometry"] = "laser") ->
             listed in `Log.skipped` with their numbers.
     """
     path = Path(path)
-    scans: list[_Scan] = []
-    skipped: list[str] = []
-    for number, line in enumerate(_text(path).splitlines(), start=1):
-        words = line.split()
-        if not words or words[0].startswith("#"):
-            continue
-        try:
-            if words[0] == "FLASER":
-                scans.append(_flaser(words))
-            elif words[0] not in _OTHERS:
-                raise ValueError(f"unknown message {words[0][:40]!r}")
-        except ValueError as problem:
-            skipped.append(f"line {number}: {problem}")
-    if not scans:
+    found, skipped = _messages(_text(path))
+    kind = next((kind for kind in _KINDS if found[kind]), None)
+    if kind is None:
         first = f"; {skipped[0]}" if skipped else ""
-        raise LogFormatError(f"{path}: no FLASER message can be read, so this is no CARMEN laser log{first}")
+        raise LogFormatError(f"{path}: no {' or '.join(_KINDS)} message can be read, so this is no CARMEN laser log{first}")
+    scans = found[kind]
+    # FLASER does not say the scanner's range; the same scans as ROBOTLASER1 do.
+    declared = [scan.largest for scan in (*scans, *found["ROBOTLASER1"])]
+    max_range, about_range = largest_range(np.concatenate([s.ranges for s in scans]), declared)
+    times, order, about_times = repaired_times([scan.stamps for scan in scans])
+    scans = [scans[k] for k in order]
     still = len({(s.laser.x, s.laser.y, s.laser.theta) for s in scans}) == 1
     poses = [s.odometry if pose == "odometry" or still else s.laser for s in scans]
-    times = _times(scans)
-    max_range = _max_range(np.concatenate([s.ranges for s in scans]))
     observations = tuple(
-        Observation(time, odom_pose=Reading(time, at), lidar=Scan(time, _returns(s.ranges), _bearings(len(s.ranges)), max_range))
+        Observation(time, odom_pose=Reading(time, at), lidar=Scan(time, _returns(s.ranges, max_range), s.bearings, max_range))
         for s, at, time in zip(scans, poses, times, strict=True)
     )
-    return Log(path, "carmen", observations, start=poses[0], skipped=tuple(skipped))
+    notes = tuple(note for note in (about_range, about_times) if note)
+    return Log(path, "carmen", observations, start=poses[0], skipped=tuple(skipped), notes=notes)
+
+
+def _messages(text: str) -> tuple[dict[str, list[_Scan]], list[str]]:
+    """Scans by kind of message, and the lines that make no sense."""
+    found: dict[str, list[_Scan]] = {kind: [] for kind in _KINDS}
+    skipped: list[str] = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.split(None, 1)
+        if not words or words[0].startswith("#"):
+            continue
+        kind = words[0]
+        try:
+            if kind in _KINDS:
+                found[kind].append(_KINDS[kind](line.split()))
+            elif kind not in _OTHERS:
+                raise ValueError(f"unknown message {shown(kind[:40])}")
+        except ValueError as problem:
+            skipped.append(f"line {number}: {problem}")
+    return found, skipped
 
 
 def _text(path: Path) -> str:
     data = read_bytes(path, LogFormatError)
-    if data.startswith(b"\x1f\x8b"):
-        try:
-            data = gunzip(data, path)
-        except MapFormatError as failure:
-            raise LogFormatError(str(failure)) from failure
+    if is_packed(data):
+        data = gunzip(data, path, LogFormatError)
     return data.decode("utf-8-sig", errors="replace")  # what is no text is no number either, and its line is named
 
 
-def _flaser(words: list[str]) -> _Scan:
-    if len(words) < 2:
-        raise ValueError("FLASER without a number of beams")
-    count = int(words[1]) if words[1].isdecimal() else 0
+def _count(words: list[str], at: int, more: int) -> int:
+    """The number of beams, which stands at a place and is followed by as many ranges and `more` words at least."""
+    kind = words[0]
+    if len(words) <= at:
+        raise ValueError(f"{kind} without a number of beams")
+    word = words[at]
+    count = int(word) if word.isdecimal() and len(word) < 40 else 0
     if count < 1:
-        raise ValueError(f"FLASER: the number of beams must be a whole number above 0, not {words[1][:40]!r}")
-    if len(words) < count + 8:
-        raise ValueError(f"FLASER with {count} beams needs {count + 8} words or more, not {len(words)}")
-    ranges = np.array([_number(word, "a range") for word in words[2 : 2 + count]])
-    x, y, theta, *odometry = (_finite(word, "a pose") for word in words[2 + count : 8 + count])
+        raise ValueError(f"{kind}: the number of beams must be a whole number above 0, not {shown(word[:40])}")
+    needed = at + 1 + count + more
+    if len(words) < needed or count > MAX_BEAMS:
+        raise ValueError(f"{kind} with {count} beams needs {needed} words or more (at most {MAX_BEAMS} beams), not {len(words)}")
+    return count
+
+
+def _ranges(words: list[str], at: int, count: int) -> Array:
+    return np.array([_number(words[0], word, "a range") for word in words[at + 1 : at + 1 + count]])
+
+
+def _pose(words: list[str], at: int) -> SE2:
+    return SE2(*(_finite(words[0], word, "a pose") for word in words[at : at + 3]))
+
+
+def _flaser(words: list[str]) -> _Scan:
+    count = _count(words, 1, 6)
     rest = words[8 + count :]
     stamps = (_stamp(rest[2]), _stamp(rest[0])) if len(rest) >= 3 else (math.nan, math.nan)
-    return _Scan(ranges, SE2(x, y, theta), SE2(*odometry), stamps)
+    return _Scan(_ranges(words, 1, count), _pose(words, 2 + count), _pose(words, 5 + count), stamps, _bearings(count))
 
 
-def _number(word: str, what: str) -> float:
+def _laser_reading(words: list[str]) -> _Scan:
+    count = _count(words, 1, 3)
+    pose = _pose(words, 2 + count)
+    stamp = _stamp(words[5 + count]) if len(words) > 5 + count else math.nan
+    return _Scan(_ranges(words, 1, count), pose, pose, (stamp, math.nan), _bearings(count))
+
+
+def _robotlaser(words: list[str]) -> _Scan:
+    """`ROBOTLASER1 type start_angle field_of_view angular_resolution maximum_range accuracy remission_mode n r1 ... rn m e1 ...
+    em laser_x laser_y laser_theta robot_x robot_y robot_theta tv rv forward_safety side_safety turn_axis ipc_timestamp host
+    logger_timestamp`: with m remission values, angles in radians."""
+    count = _count(words, 8, 7)
+    start, _, step, largest = (_finite(words[0], word, "an angle or the maximum range") for word in words[2:6])
+    remissions = words[9 + count]
+    if not (remissions.isdecimal() and len(remissions) < 7):
+        raise ValueError(f"ROBOTLASER1: the number of remission values must be a whole number, not {shown(remissions[:40])}")
+    at = 10 + count + int(remissions)
+    if len(words) < at + 6:
+        raise ValueError(f"ROBOTLASER1 with {count} beams and {remissions} remission values needs {at + 6} words or more")
+    rest = words[at + 11 :]
+    stamps = (_stamp(rest[2]), _stamp(rest[0])) if len(rest) >= 3 else (math.nan, math.nan)
+    bearings = start + step * np.arange(count)
+    return _Scan(_ranges(words, 8, count), _pose(words, at), _pose(words, at + 3), stamps, bearings, largest)
+
+
+_KINDS = {"FLASER": _flaser, "ROBOTLASER1": _robotlaser, "LASER_READING": _laser_reading}
+"""Kinds of scans, the best first."""
+
+
+def _number(kind: str, word: str, what: str) -> float:
     try:
         return float(word)
     except ValueError:
-        raise ValueError(f"FLASER: {what} must be a number, not {word[:40]!r}") from None
+        raise ValueError(f"{kind}: {what} must be a number, not {shown(word[:40])}") from None
 
 
-def _finite(word: str, what: str) -> float:
-    value = _number(word, what)
+def _finite(kind: str, word: str, what: str) -> float:
+    value = _number(kind, word, what)
     if not math.isfinite(value):
-        raise ValueError(f"FLASER: {what} must be finite, not {word[:40]!r}")
+        raise ValueError(f"{kind}: {what} must be finite, not {shown(word[:40])}")
+    if abs(value) > MAX_COORDINATE:
+        raise ValueError(f"{kind}: {what} must be within {MAX_COORDINATE:g} of zero, not {shown(word[:40])}")
     return value
 
 
@@ -137,22 +200,7 @@ def _bearings(beams: int) -> Array:
     return np.radians(-90.0 + step * np.arange(beams)) if beams > 1 else np.zeros(1)
 
 
-def _returns(ranges: Array) -> Array:
+def _returns(ranges: Array, max_range: float) -> Array:
     """Ranges with inf for nothing seen and nan for what is none."""
-    nothing = (ranges >= LONGEST) | np.isin(ranges, NO_RETURN)
+    nothing = (ranges >= max_range) | np.isin(ranges, NO_RETURN)
     return np.where(nothing, np.inf, np.where(ranges > 0.0, ranges, np.nan))
-
-
-def _max_range(ranges: Array) -> float:
-    """What the scanner was set to, as far as the log shows it [m]."""
-    largest = np.max(ranges[np.isfinite(ranges)], initial=0.0)
-    return float(largest) if largest in NO_RETURN else LONGEST
-
-
-def _times(scans: list[_Scan]) -> list[float]:
-    """Of the scans, strictly ascending from 0 [s]."""
-    for k in (0, 1):
-        stamps = np.array([s.stamps[k] for s in scans])
-        if np.isfinite(stamps).all() and np.all(np.diff(stamps) > 0):
-            return (stamps - stamps[0]).tolist()
-    return [k * NOMINAL_PERIOD for k in range(len(scans))]

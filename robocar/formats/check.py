@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import warnings as python_warnings
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,13 +10,13 @@ import numpy as np
 
 from robocar.core import MapFormatError, OccupancyGrid
 from robocar.formats.barn import load_barn_cylinders, load_barn_grids, load_barn_paths
-from robocar.formats.files import PathLike
 from robocar.formats.load import MAP_KINDS, file_kind, load_map
 from robocar.formats.load_log import LOG_KINDS, is_log, load_log, refuse_subject
 from robocar.formats.movingai import ScenarioLine, load_movingai_map, load_scenarios
 from robocar.formats.ros_map import read_ros_yaml
 from robocar.formats.text_grid import load_text_grid
 from robocar.formats.tum import read_tum
+from robocar.reading import PathLike
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,19 +91,14 @@ def check_file(path: PathLike, resolution: float | None = None, subject: int | N
     if kind == "ros_map":
         fields = read_ros_yaml(path)
         details.append(f"mode {fields.mode}")
-        remarks += [f"unknown field {name} is ignored" for name in fields.unknown_fields]
-        if fields.mode == "raw" and fields.negate:
-            remarks.append("negate has no effect in mode raw")
-    with python_warnings.catch_warnings():
-        python_warnings.simplefilter("ignore")  # they are in the report
-        if kind == "text_grid":
-            drawn = load_text_grid(path, 1.0 if resolution is None else resolution)
-            grid = drawn.grid
-            for name, point in (("start", drawn.start), ("goal", drawn.goal)):
-                if point is not None:
-                    details.append(f"{name} at ({point[0]:g}, {point[1]:g})")
-        else:
-            grid = load_map(path, resolution)
+    if kind == "text_grid":
+        drawn = load_text_grid(path, 1.0 if resolution is None else resolution)
+        grid = drawn.grid
+        for name, point in (("start", drawn.start), ("goal", drawn.goal)):
+            if point is not None:
+                details.append(f"{name} at ({point[0]:g}, {point[1]:g})")
+    else:
+        grid = load_map(path, resolution, remarks)
     return _map_report(path, kind, grid, details, remarks)
 
 
@@ -127,7 +122,7 @@ def _check_scenarios(path: Path) -> FileReport:
     remarks = [] if scenarios else ["the file holds no query"]
     for name in sorted({line.map_name for line in scenarios}):
         map_path = path.parent / Path(name.replace("\\", "/")).name
-        if map_path.is_file():
+        if os.path.isfile(map_path):
             details.append(f"checked against {map_path.name}")
             remarks += _contradictions([line for line in scenarios if line.map_name == name], load_movingai_map(map_path))
         else:
@@ -177,7 +172,7 @@ def _check_log(path: Path, subject: int | None) -> FileReport:
     ]
     if log.truth is not None:
         details.append("with ground truth")
-    remarks = [f"skipped {problem}" for problem in log.skipped[:_MOST_SKIPPED]]
+    remarks = [*log.notes, *(f"skipped {problem}" for problem in log.skipped[:_MOST_SKIPPED])]
     if len(log.skipped) > _MOST_SKIPPED:
         remarks.append(f"... and {len(log.skipped) - _MOST_SKIPPED} more")
     return FileReport(path, f"{log.kind} log", details=tuple(details), warnings=tuple(remarks))

@@ -1,50 +1,39 @@
-"""Reading files with errors of one clear line, and writing them so that no half-written file is ever seen."""
+"""Maps no larger than memory holds, and files written so that no half-written one is ever seen. `robocar.reading` reads them."""
 
 from __future__ import annotations
 
-import gzip
-import io
 import math
 import os
-import zlib
 from pathlib import Path
-from typing import TypeAlias
 
 from robocar.core import MapFormatError, OutputError, ParameterError, RobocarError
+from robocar.core.text import shown
+from robocar.reading import PathLike
 
-PathLike: TypeAlias = str | os.PathLike[str]
+MAX_CELLS = 1 << 25
+"""Larger maps are refused before anything is allocated: 5792 x 5792 cells, 290 m x 290 m at 5 cm."""
 
-MAX_CELLS = 1 << 26
-"""Larger maps are refused before anything is allocated: 8192 x 8192 cells, 410 m x 410 m at 5 cm."""
+MAX_COORDINATE = 1e7
+"""Where things may lie and how far they may be apart [m]: the coordinates of national grids fit in."""
 
-MAX_BYTES = 1 << 30
-"""Larger files are refused before they are read."""
+MAX_TIME = 1e10
+"""Of stamps [s]: those since 1970 fit in."""
+
+RESOLUTIONS = (1e-6, 1e6)
+"""Sides of cells that are believed [m]."""
 
 
-def read_bytes(path: PathLike, error: type[RobocarError] = MapFormatError) -> bytes:
-    """The content of a file; raises `error` where it is missing, no regular file, or too large."""
-    path = Path(path)
+def finite(where: str, field: str, word: object, error: type[RobocarError], most: float = MAX_COORDINATE) -> float:
+    """A number of a file, at most `most` large; raises `error` for what is none. YAML leaves some, such as 1e-05, as text."""
     try:
-        if not path.exists():
-            raise error(f"{path}: no such file")
-        if not path.is_file():
-            raise error(f"{path}: not a file (a directory or a device)")
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise error(f"{path}: {size} bytes, at most {MAX_BYTES} are read")
-        return path.read_bytes()
-    except (OSError, ValueError) as failure:  # ValueError: a null byte in the path
-        raise error(f"{path}: cannot be read ({failure})") from failure
-
-
-def read_text(path: PathLike, error: type[RobocarError] = MapFormatError) -> str:
-    """The content of a UTF-8 text file, with or without a byte-order mark; line ends are left as they are."""
-    data = read_bytes(path, error)
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as failure:
-        line = data.count(b"\n", 0, failure.start) + 1
-        raise error(f"{path}, line {line}: byte 0x{data[failure.start]:02x} is not UTF-8 text") from failure
+        number = float(word) if isinstance(word, int | float | str) and not isinstance(word, bool) else math.nan
+    except (ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise error(f"{where}: {field} must be a finite number, not {shown(word)}")
+    if abs(number) > most:
+        raise error(f"{where}: {field} must be within {most:g} of zero, not {shown(word)}")
+    return number
 
 
 def text_lines(text: str) -> list[str]:
@@ -53,18 +42,6 @@ def text_lines(text: str) -> list[str]:
     while lines and not lines[-1]:
         lines.pop()
     return lines
-
-
-def gunzip(data: bytes, path: PathLike) -> bytes:
-    """Unpacked bytes; never more than `MAX_BYTES`, however well they were packed."""
-    try:
-        with gzip.GzipFile(fileobj=io.BytesIO(data)) as stream:
-            unpacked = stream.read(MAX_BYTES + 1)
-    except (OSError, EOFError, zlib.error) as failure:
-        raise MapFormatError(f"{path}: damaged or truncated gzip file ({failure})") from failure
-    if len(unpacked) > MAX_BYTES:
-        raise MapFormatError(f"{path}: unpacks to more than {MAX_BYTES} bytes")
-    return unpacked
 
 
 def write_atomically(path: PathLike, data: bytes) -> None:
@@ -93,5 +70,8 @@ def check_resolution(resolution: float) -> float:
     """A resolution given by the caller [m]; raises `ParameterError` unless it is a positive number."""
     good = isinstance(resolution, int | float) and not isinstance(resolution, bool)
     if not (good and math.isfinite(resolution) and resolution > 0):
-        raise ParameterError(f"resolution must be a positive number of metres per cell, not {resolution!r}")
+        raise ParameterError(f"resolution must be a positive number of metres per cell, not {shown(resolution)}")
+    low, high = RESOLUTIONS
+    if not low <= resolution <= high:
+        raise ParameterError(f"resolution must be from {low:g} to {high:g} metres per cell, not {shown(resolution)}")
     return float(resolution)

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from robocar.core import LogFormatError
 from robocar.formats.carmen import load_carmen
-from robocar.formats.files import PathLike
 from robocar.formats.lidar_csv import load_lidar_csv
 from robocar.formats.log import Log
 from robocar.formats.mrclam import is_mrclam, load_mrclam
+from robocar.reading import PathLike
 
-LOG_KINDS = "an MRCLAM folder, a CARMEN .log or .log.gz, or a .csv of laser scans"
-_CARMEN_ENDINGS = (".log", ".log.gz", ".clf", ".gfs")
+LOG_KINDS = "an MRCLAM folder, a CARMEN .log, .clf or .gfs, packed (.gz) or not, or a .csv of laser scans"
+_CARMEN_ENDINGS = (".log", ".clf", ".gfs", ".log.gz", ".clf.gz", ".gfs.gz")
 
 
 def is_log(path: PathLike) -> bool:
     """Whether this is named as a log is, or is an MRCLAM folder."""
     path = Path(path)
-    return is_mrclam(path) if path.is_dir() else path.name.lower().endswith((".csv", *_CARMEN_ENDINGS))
+    return is_mrclam(path) if os.path.isdir(path) else path.name.lower().endswith((".csv", *_CARMEN_ENDINGS))
 
 
 def load_log(path: PathLike, subject: int | None = None) -> Log:
@@ -31,14 +32,14 @@ def load_log(path: PathLike, subject: int | None = None) -> Log:
         LogFormatError: nothing is there, or nothing that is known; the folder has no such robot, or the log is of one robot only.
     """
     path = Path(path)
-    if not path.exists():
+    if not os.path.exists(path):
         raise LogFormatError(f"{path}: no such file or folder")
-    if path.is_dir() and is_mrclam(path):
+    if os.path.isdir(path) and is_mrclam(path):
         return load_mrclam(path, subject)
     refuse_subject(path, subject)
-    if path.is_file() and path.name.lower().endswith(".csv"):
+    if os.path.isfile(path) and path.name.lower().endswith(".csv"):
         return load_lidar_csv(path)
-    if path.is_file() and path.name.lower().endswith(_CARMEN_ENDINGS):
+    if os.path.isfile(path) and path.name.lower().endswith(_CARMEN_ENDINGS):
         return load_carmen(path)
     raise LogFormatError(f"{path}: not a log that is known; a log is a run directory, {LOG_KINDS}")
 

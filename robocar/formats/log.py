@@ -20,6 +20,7 @@ class Log:
         truth: ground truth, for metrics and pictures only, or None.
         start: the pose that an estimator is told it starts from, or None.
         skipped: lines that could not be used, with the reason: shown to the user.
+        notes: what was repaired or guessed: shown to the user.
     """
 
     path: Path
@@ -29,3 +30,4 @@ class Log:
     truth: Trajectory | None = None
     start: SE2 | None = None
     skipped: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()

@@ -13,7 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from robocar.core import FREE, OCCUPIED, MapFormatError, OccupancyGrid
-from robocar.formats.files import PathLike, check_cells, check_resolution, read_text, text_lines
+from robocar.core.text import shown
+from robocar.formats.files import check_cells, check_resolution, text_lines
+from robocar.reading import PathLike, read_text
 
 PASSABLE = ".GS"
 BLOCKED = "@OTW"
@@ -134,7 +136,7 @@ def _scenario(where: str, line: str) -> ScenarioLine:
     for name, word in zip(names, [words[0], *words[2:8]], strict=True):
         word = word.strip()
         if not (word.isascii() and word.isdigit() and len(word) <= 9):
-            raise MapFormatError(f"{where}: {name} must be an integer from 0, not {word!r}")
+            raise MapFormatError(f"{where}: {name} must be an integer from 0, not {shown(word)}")
         numbers.append(int(word))
     bucket, width, height, *points = numbers
     for name, value, size in zip(names[3:], points, (width, height, width, height), strict=True):
@@ -145,6 +147,6 @@ def _scenario(where: str, line: str) -> ScenarioLine:
     except ValueError:
         length = math.nan
     if not (math.isfinite(length) and length >= 0):
-        raise MapFormatError(f"{where}: optimal length must be a number from 0, not {words[8]!r}")
+        raise MapFormatError(f"{where}: optimal length must be a number from 0, not {shown(words[8])}")
     start_x, start_y, goal_x, goal_y = points
     return ScenarioLine(bucket, words[1].strip(), width, height, (start_x, start_y), (goal_x, goal_y), length)

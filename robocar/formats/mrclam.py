@@ -8,7 +8,7 @@ the next line. A measurement names a barcode; subjects 1 to 5 are robots, which 
 from __future__ import annotations
 
 import bisect
-import math
+import os
 from collections import Counter
 from itertools import pairwise
 from pathlib import Path
@@ -18,9 +18,11 @@ import numpy as np
 
 from robocar.core import SE2, Detection, Landmark, LogFormatError, Observation, Reading, Twist
 from robocar.core.geometry import wrap_angle
-from robocar.formats.files import PathLike, read_text, text_lines
+from robocar.core.text import shown
+from robocar.formats.files import MAX_COORDINATE, MAX_TIME, finite, text_lines
 from robocar.formats.log import Log
 from robocar.formats.tum import Trajectory
+from robocar.reading import PathLike, read_text
 
 Row: TypeAlias = tuple[float, ...]
 
@@ -47,7 +49,7 @@ _COLUMNS = {
 
 def is_mrclam(folder: PathLike) -> bool:
     """Whether a folder is such a data set."""
-    return (Path(folder) / "Barcodes.dat").is_file()
+    return os.path.isfile(Path(folder) / "Barcodes.dat")
 
 
 def load_mrclam(folder: PathLike, robot: int | None = None) -> Log:
@@ -159,14 +161,10 @@ def _rows(path: Path, kind: str) -> list[tuple[int, Row]]:
             raise LogFormatError(f"{path}, line {number}: {len(words)} fields, not the {len(columns)} of {', '.join(columns)}")
         values = []
         for name, word in zip(columns, words, strict=True):
-            try:
-                value = float(word)
-            except ValueError:
-                value = math.nan
-            if not math.isfinite(value):
-                raise LogFormatError(f"{path}, line {number}: {name} must be a finite number, not {word!r}")
+            most = MAX_TIME if name == "time" else MAX_COORDINATE
+            value = finite(f"{path}, line {number}", name, word, LogFormatError, most)
             if name in ("subject", "barcode") and value != int(value):
-                raise LogFormatError(f"{path}, line {number}: {name} must be a whole number, not {word!r}")
+                raise LogFormatError(f"{path}, line {number}: {name} must be a whole number, not {shown(word)}")
             values.append(value)
         rows.append((number, tuple(values)))
     return rows

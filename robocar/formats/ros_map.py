@@ -6,8 +6,6 @@ Meaning of the fields and the modes: Nav2's `nav2_map_server` (thresholds inclus
 from __future__ import annotations
 
 import difflib
-import math
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,9 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robocar.core import FREE, OCCUPIED, SE2, UNKNOWN, MapFormatError, OccupancyGrid
-from robocar.formats.files import PathLike, check_resolution, read_text, write_atomically
+from robocar.core import FREE, OCCUPIED, SE2, UNKNOWN, MapFormatError, OccupancyGrid, ParameterError
+from robocar.core.text import shown
+from robocar.formats.files import check_resolution, finite, write_atomically
 from robocar.formats.image import GreyImage, read_image
+from robocar.reading import PathLike, read_yaml
 
 MODES = ("trinary", "scale", "raw")
 _REQUIRED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
@@ -68,23 +68,25 @@ def read_ros_yaml(path: PathLike) -> RosMapYaml:
             raise MapFormatError(f"{path}: field {name} is missing; a map needs {', '.join(_REQUIRED)}")
     image = fields["image"]
     if not isinstance(image, str) or not image:
-        raise MapFormatError(f"{path}: image must be a file name, not {image!r}")
-    resolution = _number(path, "resolution", fields["resolution"])
-    if resolution <= 0:
-        raise MapFormatError(f"{path}: resolution must be a positive number of metres per pixel, not {fields['resolution']!r}")
+        raise MapFormatError(f"{path}: image must be a file name, not {shown(image)}")
+    resolution = finite(str(path), "resolution", fields["resolution"], MapFormatError)
+    try:
+        check_resolution(resolution)
+    except ParameterError as failure:
+        raise MapFormatError(f"{path}: {failure}") from failure
     origin = fields["origin"]
     if not isinstance(origin, list) or len(origin) != 3:
-        raise MapFormatError(f"{path}: origin must be three numbers [x, y, yaw], not {origin!r}")
-    x, y, yaw = (_number(path, f"origin[{i}]", value) for i, value in enumerate(origin))
+        raise MapFormatError(f"{path}: origin must be three numbers [x, y, yaw], not {shown(origin)}")
+    x, y, yaw = (finite(str(path), f"origin[{i}]", value, MapFormatError) for i, value in enumerate(origin))
     negate = fields["negate"]
     if negate not in (0, 1) or isinstance(negate, float):  # True == 1
-        raise MapFormatError(f"{path}: negate must be 0 or 1, not {negate!r}")
+        raise MapFormatError(f"{path}: negate must be 0 or 1, not {shown(negate)}")
     occupied, free = (_probability(path, name, fields[name]) for name in ("occupied_thresh", "free_thresh"))
     if free > occupied:
         raise MapFormatError(f"{path}: free_thresh {free} must not be above occupied_thresh {occupied}")
     mode = fields.get("mode", "trinary")
     if mode not in MODES:
-        raise MapFormatError(f"{path}: mode must be one of {', '.join(MODES)}, not {mode!r}")
+        raise MapFormatError(f"{path}: mode must be one of {', '.join(MODES)}, not {shown(mode)}")
     return RosMapYaml(
         image=Path(path).parent / (Path(image).expanduser() if image.startswith("~/") else image),
         resolution=resolution,
@@ -97,32 +99,45 @@ def read_ros_yaml(path: PathLike) -> RosMapYaml:
     )
 
 
-def load_ros_map(path: PathLike, resolution: float | None = None) -> OccupancyGrid:
+def load_ros_map(path: PathLike, resolution: float | None = None, notes: list[str] | None = None) -> OccupancyGrid:
     """Load a map_server map.
 
     Args:
         path: the YAML file; the image is looked for beside it.
         resolution: replaces the file's [m].
+        notes: what is legal but probably not meant is added to this, a sentence each.
 
     Raises:
         MapFormatError: YAML or image cannot be used; the message names file, field and value.
         ParameterError: `resolution` is not a positive number.
     """
     fields = read_ros_yaml(path)
-    for name in fields.unknown_fields:
-        warnings.warn(f"{path}: unknown field {name} is ignored", stacklevel=2)
+    notes = [] if notes is None else notes
+    notes += [f"unknown field {name:.40} is ignored" for name in fields.unknown_fields]
+    if fields.mode == "raw" and fields.negate:
+        notes.append("negate has no effect in mode raw")
     try:
         image = read_image(fields.image)
     except MapFormatError as failure:
         raise MapFormatError(f"{path}: image: {failure}") from failure
+    _note_transparency(image, notes)
     used = fields.resolution if resolution is None else check_resolution(resolution)
     return OccupancyGrid(occupancy_from_image(image, fields), used, fields.origin)
 
 
-def load_map_image(path: PathLike, resolution: float) -> OccupancyGrid:
+def load_map_image(path: PathLike, resolution: float, notes: list[str] | None = None) -> OccupancyGrid:
     """Load a bare image as map_server would with its default thresholds: dark is occupied, the lower left corner at (0, 0)."""
     fields = RosMapYaml(Path(path), check_resolution(resolution))
-    return OccupancyGrid(occupancy_from_image(read_image(path), fields), fields.resolution)
+    image = read_image(path)
+    _note_transparency(image, [] if notes is None else notes)
+    return OccupancyGrid(occupancy_from_image(image, fields), fields.resolution)
+
+
+def _note_transparency(image: GreyImage, notes: list[str]) -> None:
+    """A drawing on transparent ground looks free to whoever drew it."""
+    if image.transparent is not None and image.transparent.any():
+        share = float(np.mean(image.transparent))
+        notes.append(f"{share:.1%} of the pixels are not opaque and become unknown; draw on a white ground where they are free")
 
 
 def occupancy_from_image(image: GreyImage, fields: RosMapYaml) -> NDArray[np.int8]:
@@ -199,35 +214,14 @@ def save_ros_map(grid: OccupancyGrid, path_stem: PathLike) -> Path:
 
 
 def _yaml_mapping(path: PathLike) -> dict[Any, Any]:
-    import yaml
-
-    try:
-        content = yaml.safe_load(read_text(path))
-    except yaml.YAMLError as failure:
-        mark = getattr(failure, "problem_mark", None)
-        line = f", line {mark.line + 1}" if mark is not None else ""
-        problem = getattr(failure, "problem", None) or str(failure).splitlines()[0]
-        raise MapFormatError(f"{path}{line}: no valid YAML ({problem})") from failure
-    except (ValueError, RecursionError) as failure:  # PyYAML lets e.g. the date 2020-13-45 or very deep nesting through
-        raise MapFormatError(f"{path}: no valid YAML ({failure})") from failure
+    content = read_yaml(path)
     if not isinstance(content, dict):
         raise MapFormatError(f"{path}: must be a YAML mapping with {', '.join(_REQUIRED)}, not {type(content).__name__}")
     return content
 
 
-def _number(path: PathLike, field: str, value: object) -> float:
-    """YAML 1.1 leaves numbers such as 1e-05 as text: what reads as a number is one."""
-    try:
-        number = float(value) if isinstance(value, int | float | str) and not isinstance(value, bool) else math.nan
-    except (ValueError, OverflowError):
-        number = math.nan
-    if not math.isfinite(number):
-        raise MapFormatError(f"{path}: {field} must be a finite number, not {value!r}")
-    return number
-
-
 def _probability(path: PathLike, field: str, value: object) -> float:
-    number = _number(path, field, value)
+    number = finite(str(path), field, value, MapFormatError)
     if not 0 <= number <= 1:
-        raise MapFormatError(f"{path}: {field} must lie in [0, 1], not {value!r}")
+        raise MapFormatError(f"{path}: {field} must lie in [0, 1], not {shown(value)}")
     return number

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from robocar.core import FREE, OCCUPIED, SE2, UNKNOWN, Array, MapFormatError, OccupancyGrid
-from robocar.formats.files import PathLike, check_cells, check_resolution, read_text, text_lines
+from robocar.formats.files import check_cells, check_resolution, text_lines
+from robocar.reading import PathLike, read_text
 
 _WORLD = SE2()
 _VALUE_OF = {"#": OCCUPIED, ".": FREE, " ": FREE, "?": UNKNOWN, "S": FREE, "G": FREE}

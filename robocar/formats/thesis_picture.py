@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robocar.core import OccupancyGrid, OutputError
-from robocar.formats.files import PathLike, write_atomically
+from robocar.formats.files import write_atomically
+from robocar.reading import PathLike
 
 UNKNOWN_GREY, FREE_GREY, OCCUPIED_GREY = 0, 64, 255
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from robocar.core import Array, LogFormatError, frozen_array
-from robocar.formats.files import PathLike, read_text, text_lines, write_atomically
+from robocar.formats.files import MAX_COORDINATE, MAX_TIME, finite, text_lines, write_atomically
+from robocar.reading import PathLike, read_text
 
 _FIELDS = ("time", "x", "y", "z", "qx", "qy", "qz", "qw")
 
@@ -56,7 +57,10 @@ def read_tum(path: PathLike) -> Trajectory:
         words = line.split()
         if len(words) != len(_FIELDS):
             raise LogFormatError(f"{where}: {len(words)} fields, not the 8 of {' '.join(_FIELDS)}")
-        time, x, y, _, qx, qy, qz, qw = (_number(where, name, word) for name, word in zip(_FIELDS, words, strict=True))
+        time, x, y, _, qx, qy, qz, qw = (
+            finite(where, name, word, LogFormatError, MAX_TIME if name == "time" else MAX_COORDINATE)
+            for name, word in zip(_FIELDS, words, strict=True)
+        )
         if math.hypot(qx, qy, qz, qw) < 1e-6:
             raise LogFormatError(f"{where}: the quaternion qx qy qz qw is zero, it must have unit length")
         if times and time < times[-1]:
@@ -80,13 +84,3 @@ def write_tum(path: PathLike, times: ArrayLike, poses: ArrayLike) -> Path:
     ]
     write_atomically(path, "".join(["# time x y z qx qy qz qw\n", *lines]).encode())
     return Path(path)
-
-
-def _number(where: str, field: str, word: str) -> float:
-    try:
-        number = float(word)
-    except ValueError:
-        number = math.nan
-    if not math.isfinite(number):
-        raise LogFormatError(f"{where}: {field} must be a finite number, not {word!r}")
-    return number

@@ -69,14 +69,24 @@ def packed(colors: list[tuple[int, ...]]) -> NDArray[np.uint32]:
 
 def viridis(values: NDArray) -> NDArray[np.uint8]:
     """Colours (..., 4) RGBA of numbers (...) from the lowest to the highest; transparent where they are not finite."""
-    values = np.asarray(values, dtype=float)
-    finite = np.isfinite(values)
-    low = values[finite].min() if finite.any() else 0.0
-    span = (values[finite].max() - low if finite.any() else 0.0) or 1.0
-    position = np.where(finite, (np.where(finite, values, low) - low) / span, 0.0)
+    values = np.asarray(values)
+    flat = values.reshape(-1)
+    parts = [flat[k : k + _PART] for k in range(0, flat.size, _PART)]  # in doubles a large grid at once takes ten times its size
+    ends = [(float(known.min()), float(known.max())) for part in parts if (known := part[np.isfinite(part)]).size]
+    low = min((end[0] for end in ends), default=0.0)
+    span = max((end[1] for end in ends), default=0.0) - low or 1.0
     steps = np.linspace(0.0, 1.0, len(_VIRIDIS))
-    channels = [np.interp(position, steps, _VIRIDIS[:, c]) for c in range(3)]
-    return np.stack([*channels, np.where(finite, 255.0, 0.0)], axis=-1).astype(np.uint8)
+    colors = np.empty((flat.size, 4), dtype=np.uint8)
+    for k, part in enumerate(parts):
+        finite = np.isfinite(part)
+        position = (np.where(finite, part, low) - low) / span
+        for c in range(3):
+            colors[k * _PART : k * _PART + part.size, c] = np.interp(position, steps, _VIRIDIS[:, c])
+        colors[k * _PART : k * _PART + part.size, 3] = np.where(finite, 255, 0)
+    return colors.reshape(*values.shape, 4)
+
+
+_PART = 1 << 18  # numbers that are coloured at once
 
 
 def _ramp(start: tuple[int, ...], end: tuple[int, ...], count: int) -> NDArray[np.uint8]:

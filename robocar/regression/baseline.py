@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from robocar.core import LogFormatError
+from robocar.core.text import describe, shown
 from robocar.formats.files import write_atomically
 from robocar.metrics import declared
-from robocar.regression.results import SCHEMA, Results, Row, read_parquet, read_results, read_run
+from robocar.reading import read_json
+from robocar.regression.results import SCHEMA, Results, Row, read_parquet, read_results, read_run, seed_of
 
 KIND = "robocar-baseline"
 DIGITS = 6
@@ -69,10 +72,7 @@ def read_baseline(path: str | Path) -> Results:
         LogFormatError: no such file, something else, damaged, or of another schema.
     """
     path = Path(path)
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise LogFormatError(f"{path}: not a baseline that can be read: {error}") from error
+    content = read_json(path, LogFormatError)
     if not isinstance(content, dict) or content.get("kind") != KIND:
         raise LogFormatError(f'{path}: no baseline ("kind" is not "{KIND}"); `robocar results DIR --baseline FILE` writes one')
     if content.get("schema") != SCHEMA:
@@ -82,8 +82,8 @@ def read_baseline(path: str | Path) -> Results:
     try:
         rows = tuple(_row(name, run, content["versions"]) for name, run in content["runs"].items())
         units = {str(name): str(unit) for name, unit in content["units"].items()}
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
-        raise LogFormatError(f"{path}: a damaged baseline ({type(error).__name__}: {error})") from error
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError, IndexError) as error:
+        raise LogFormatError(f"{path}: a damaged baseline ({shown(describe(error))})") from error
     return Results(path, rows, units, (), {key: content[key] for key in ("suite", "exact") if key in content})
 
 
@@ -93,7 +93,7 @@ def _row(name: str, run: Mapping[str, Any], versions: list[dict[str, str]]) -> R
     facts = {key: str(run[key]) for key in ("scenario", "navigator", "estimator", "mapper", "status")}
     return Row(
         name=name,
-        seed=int(run["seed"]),
+        seed=seed_of(run["seed"]),
         settings=json.dumps(run["settings"], sort_keys=True),
         reason="",
         hash=run["hash"],
@@ -111,10 +111,10 @@ def read_any(path: str | Path) -> Results:
         LogFormatError: it is none of these, or cannot be read.
     """
     path = Path(path)
-    if path.is_dir():
+    if os.path.isdir(path):
         if (path / "metrics.json").exists():
             return Results(path, (read_run(path),), {})
         return read_results(path)
-    if not path.exists():
+    if not os.path.exists(path):
         raise LogFormatError(f"{path}: no such file or folder")
     return read_parquet(path) if path.suffix == ".parquet" else read_baseline(path)

@@ -12,7 +12,7 @@ import numpy as np
 
 from robocar.core import Array, Image, LogFormatError
 from robocar.formats import Trajectory, read_tum
-from robocar.regression.results import Row, read_run, read_yaml
+from robocar.regression.results import Row, read_config, read_run
 
 ORDER = ("truth", "observation", "odometry", "estimate", "command")
 """How one thing leads to another within a tick; the command then leads to the next tick's truth."""
@@ -191,7 +191,7 @@ def _overlay(folders: tuple[Path, Path], truths: list[Trajectory], first: Differ
     from robocar.scenario.model import Scenario
     from robocar.scenario.scene import Scene
 
-    config = read_yaml(folders[0] / "config.yaml")
+    config = read_config(folders[0])
     try:
         place = {"folder": Path(config["folder"])} if "folder" in config else {}
         scenario = Scenario.model_validate(config["scenario"] | place)

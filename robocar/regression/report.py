@@ -17,7 +17,7 @@ import numpy as np
 from robocar.core import LogFormatError, OccupancyGrid, OutputError, RobocarError
 from robocar.formats import Trajectory, read_tum
 from robocar.formats.files import write_atomically
-from robocar.regression.results import Results, Row, grouped, read_results, read_yaml
+from robocar.regression.results import Results, Row, grouped, read_config, read_results
 from robocar.regression.tables import COLUMNS, OF_SUCCESSES, interval, summary
 
 BOXES = ("duration", "path_length", "spl", "min_clearance", "position_rmse", "plan_time_max")
@@ -222,8 +222,8 @@ def _world(run: Path) -> tuple[OccupancyGrid | None, list[np.ndarray]]:
     from robocar.formats import load_map
     from robocar.scenario.model import Scenario
 
-    config = read_yaml(run / "config.yaml")
     try:
+        config = read_config(run)
         place = {"folder": Path(config["folder"])} if "folder" in config else {}
         scenario = Scenario.model_validate(config["scenario"] | place)
         grid = load_map(scenario.file("map"), scenario.resolution)

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from robocar.core import LogFormatError, OutputError
+from robocar.core.text import shown
+from robocar.reading import parse_json, read_json, read_yaml
 
 SCHEMA = 1
 """Of `sweep.json`, of the Parquet file and of `metrics.json`; files of another schema are refused."""
@@ -124,12 +124,16 @@ def _row(path: Path) -> tuple[Row, dict[str, str]]:
     """A run and the units of its metrics."""
     if not path.is_dir():
         raise _NotARun("not a run directory")
+    if not (path / "metrics.json").exists():
+        raise _NotARun("not a run directory (no metrics.json)")
     try:
-        content = json.loads((path / "metrics.json").read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise _NotARun("not a run directory (no metrics.json)") from None
-    except (OSError, ValueError) as error:
+        content = read_json(path / "metrics.json", LogFormatError)
+    except LogFormatError as error:
         raise _NotARun(f"metrics.json is damaged ({error})") from error
+    try:
+        config = read_config(path)
+    except LogFormatError as error:
+        raise _NotARun(f"config.yaml is damaged ({error})") from error
     try:
         if content["schema"] != SCHEMA:
             raise _NotARun(f"metrics.json of schema {content['schema']}, this is {SCHEMA}")
@@ -137,36 +141,44 @@ def _row(path: Path) -> tuple[Row, dict[str, str]]:
         units = {str(name): str(metric["unit"]) for name, metric in content["metrics"].items()}
         facts = {name: str(content[name]) for name in ("scenario", "navigator", "estimator", "mapper", "status", "reason")}
         hashes = {name: None if content[name] is None else str(content[name]) for name in ("hash", "fingerprint")}
-        seed, versions = int(content["seed"]), dict(content.get("versions", {}))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        seed, versions = seed_of(content["seed"]), dict(content.get("versions", {}))
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise _NotARun(f"metrics.json is damaged ({type(error).__name__}: {error})") from error
-    settings = read_yaml(path / "config.yaml").get("settings") or {}
-    text = json.dumps(settings, sort_keys=True, default=str)
+    text = json.dumps(config.get("settings") or {}, sort_keys=True, default=str)
     return Row(path.name, seed=seed, settings=text, metrics=metrics, versions=versions, **facts, **hashes), units  # type: ignore[arg-type]
+
+
+def seed_of(value: Any) -> int:
+    """A seed as files have it; ValueError for what is none."""
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 2**63:
+        raise ValueError(f"seed must be a non-negative integer, not {shown(value)}")
+    return value
 
 
 def _number(value: Any) -> float | None:
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"{value!r} is no finite number")
+        raise ValueError(f"{shown(value)} is no finite number")
     return float(value)
 
 
-def read_yaml(path: Path) -> dict[str, Any]:
-    """A mapping; empty where the file is missing or something else."""
-    try:
-        # The C loader is ten times faster, where it was built in.
-        content = yaml.load(path.read_bytes(), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-    except (OSError, yaml.YAMLError, UnicodeDecodeError):
-        return {}
-    return content if isinstance(content, dict) else {}
+def read_config(run: Path) -> dict[str, Any]:
+    """What a run was made from: its `config.yaml`.
+
+    Raises:
+        LogFormatError: it is missing or damaged; a run of unknown settings is not one without settings.
+    """
+    content = read_yaml(run / "config.yaml", LogFormatError)
+    if not isinstance(content, dict) or not isinstance(content.get("settings"), dict | None):
+        raise LogFormatError(f"{run / 'config.yaml'}: not the configuration of a run: no mapping with a mapping `settings`")
+    return content
 
 
 def _sweep_file(folder: Path) -> dict[str, Any]:
     try:
-        content = json.loads((folder / "sweep.json").read_text())
-    except (OSError, ValueError):
+        content = read_json(folder / "sweep.json", LogFormatError)
+    except LogFormatError:
         return {}
     return content if isinstance(content, dict) and content.get("schema") == SCHEMA else {}
 
@@ -222,11 +234,11 @@ def read_parquet(path: str | Path) -> Results:
         Row(
             **{name: row[name] for name in FACTS},
             metrics={name: row[name] for name in metrics},
-            versions=json.loads(row["versions"]),
+            versions=parse_json(row["versions"], f"{path}: versions", LogFormatError),
         )
         for row in table.to_pylist()
     )
-    return Results(path, rows, units, (), json.loads(about.get("robocar.sweep", "{}")))
+    return Results(path, rows, units, (), parse_json(about.get("robocar.sweep", "{}"), str(path), LogFormatError))
 
 
 def write_csv(results: Results, path: str | Path) -> Path:

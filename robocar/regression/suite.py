@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
@@ -142,7 +143,7 @@ def find_suite(name: str | Path) -> Path:
     """
     path = Path(name).expanduser()
     if path.suffix or len(path.parts) > 1:
-        if path.is_file():
+        if os.path.isfile(path):
             return path
         raise ScenarioError(f"{name}: no such file")
     shipped = MODELS / "suites" / f"{name}.yaml"
@@ -248,7 +249,7 @@ class _Check:
     def _scenario(self, name: str, settings: Mapping[str, Any], where: str) -> tuple[str, Scenario] | None:
         try:
             beside = self._folder / name
-            path = beside if ("/" in name or Path(name).suffix) and beside.is_file() else find_scenario(name)
+            path = beside if ("/" in name or Path(name).suffix) and os.path.isfile(beside) else find_scenario(name)
             source = name if path.parent == MODELS / "scenarios" and path.stem == name else str(path.resolve())
             loaded = load_scenario(path, settings)
             for map_field in ("map", *(["prior"] if loaded.prior not in ("none", "truth") else [])):

@@ -178,7 +178,7 @@ def _missing(suite: Suite, folder: Path, resume: bool) -> list[Case]:
         if key not in scenarios:
             loaded = load_scenario(case.scenario, split_overrides(case.settings)[0])
             scenarios[key] = loaded.model_dump(mode="json")
-        made_from = results.read_yaml(path / "config.yaml").get("scenario")
+        made_from = results.read_config(path).get("scenario")
         if made_from != scenarios[key]:
             raise ScenarioError(f"{path}: was run when the scenario was another one; remove it, or sweep into another folder")
         complete.add(case.name)

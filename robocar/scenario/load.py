@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,7 @@ def find_scenario(name: str) -> Path:
     """
     if Path(name).suffix or "/" in name:
         path = Path(name).expanduser()
-        if path.is_file():
+        if os.path.isfile(path):
             return path
         raise ScenarioError(f"{name}: no such file")
     path = MODELS / "scenarios" / f"{name}.yaml"

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
+import os
 import warnings
 from pathlib import Path
 from typing import Any
-
-import yaml
 
 from robocar.core import Path as Way
 from robocar.core import RobocarError, ScenarioError
 from robocar.core.way import LARGEST, find_way
 from robocar.formats import file_kind, load_map, load_text_grid
+from robocar.reading import read_yaml
 from robocar.sim.robot_model import RobotModel
 
 _ROBOT = "robocar"
@@ -25,15 +25,15 @@ _SCENARIO_KEYS = {"map", "start", "goal", "defaults", "robot"}
 def is_map(name: str) -> bool:
     """Whether a file is a map and not a scenario (a name without a file is a scenario's)."""
     path = Path(name)
-    return path.is_file() and not is_scenario(path)
+    return os.path.isfile(path) and not is_scenario(path)
 
 
 def is_scenario(path: Path) -> bool:
     if path.suffix.lower() not in (".yaml", ".yml"):
         return False
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        content = read_yaml(path, ScenarioError)
+    except ScenarioError:  # whoever loads it says why
         return False
     return isinstance(content, dict) and "image" not in content and bool(_SCENARIO_KEYS & set(content))
 

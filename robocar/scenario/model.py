@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -13,6 +14,7 @@ from pydantic_core import core_schema
 
 from robocar.core import SE2, ScenarioError
 from robocar.core.solids import Box, Cylinder, Solid
+from robocar.formats.files import MAX_COORDINATE
 from robocar.paths import MODELS
 from robocar.sim.fit_out import FitOut
 from robocar.sim.movers import Motion, Mover
@@ -21,8 +23,23 @@ from robocar.sim.robot_model import RobotModel, robot_names
 from robocar.sim.sensors.types import checked_overrides, overrides_schema
 from robocar.validation import Finite, NotNegative, Positive, refuse_senseless
 
-Point = tuple[Finite, Finite]
-PoseTriple = tuple[Finite, Finite, Finite]
+# What is plausible, for all fields: beyond, physics, planners or the memory give up, or success means nothing.
+Coordinate = Annotated[Finite, Field(ge=-MAX_COORDINATE, le=MAX_COORDINATE)]  # [m]
+Angle = Annotated[Finite, Field(ge=-1e4, le=1e4)]  # [rad]
+Length = Annotated[Positive, Field(ge=1e-3, le=100.0)]  # [m] of things that stand or move in the world
+Tolerance = Annotated[Positive, Field(le=2.0)]  # [m] around a goal: a robot farther off has not arrived
+Turn = Annotated[Positive, Field(le=math.pi)]  # [rad]
+Side = Annotated[Positive, Field(ge=1e-3, le=1e3)]  # [m] of a cell
+Time = Annotated[NotNegative, Field(le=1e6)]  # [s]: eleven days
+Duration = Annotated[Positive, Field(ge=1e-3, le=1e6)]  # [s]
+Speed = Annotated[NotNegative, Field(le=100.0)]  # [m/s] or [rad/s]
+Mass = Annotated[Positive, Field(ge=1e-3, le=1e5)]  # [kg]
+Reach = Annotated[Positive, Field(le=1e4)]  # [m] or [rad]
+MOST_BODIES = 200  # that move: each is solved for in every step of physics
+MOST_THINGS = 10_000  # that stand, and points of ways
+
+Point = tuple[Coordinate, Coordinate]
+PoseTriple = tuple[Coordinate, Coordinate, Angle]
 # By their count, so that a bad number is reported once and not for either form.
 PointOrTriple = Annotated[
     Annotated[Point, Tag("tuple[2]")] | Annotated[PoseTriple, Tag("tuple[3]")],
@@ -37,8 +54,8 @@ class _Model(BaseModel):
 class SolidModel(_Model):
     """A box (length, width, height) or a cylinder (radius, height) that stands in the world."""
 
-    box: tuple[Positive, Positive, Positive] | None = None
-    cylinder: tuple[Positive, Positive] | None = None
+    box: tuple[Length, Length, Length] | None = None
+    cylinder: tuple[Length, Length] | None = None
     pose: PoseTriple
 
     @model_validator(mode="after")
@@ -59,7 +76,7 @@ class LandmarkModel(_Model):
 
     color: Literal["red", "green", "blue", "orange", "yellow", "magenta", "cyan"]
     position: PointOrTriple
-    radius: Positive = 0.10
+    radius: Length = 0.10
     name: str | None = None
 
 
@@ -72,16 +89,16 @@ class MoverModel(_Model):
     """
 
     name: str
-    box: tuple[Positive, Positive, Positive] | None = None
-    cylinder: tuple[Positive, Positive] | None = None
+    box: tuple[Length, Length, Length] | None = None
+    cylinder: tuple[Length, Length] | None = None
     motion: Motion = "constant"
-    heading: Finite | None = None
-    waypoints: Annotated[list[Point], Field(min_length=1)]
-    speed: NotNegative = 0.2
-    mass: Positive = 5.0
-    pause: NotNegative | None = None
-    turn_speed: Positive | None = None
-    roam: Positive | None = None
+    heading: Angle | None = None
+    waypoints: Annotated[list[Point], Field(min_length=1, max_length=MOST_THINGS)]
+    speed: Speed = 0.2
+    mass: Mass = 5.0
+    pause: Time | None = None
+    turn_speed: Annotated[Speed, Field(gt=0)] | None = None
+    roam: Reach | None = None
 
     @model_validator(mode="after")
     def _one_shape(self) -> MoverModel:
@@ -122,7 +139,7 @@ class MoverModel(_Model):
 class EventModel(_Model):
     """Something that happens at a time, between two ticks."""
 
-    time: NotNegative
+    time: Time
     kidnap: PoseTriple
 
 
@@ -166,9 +183,9 @@ class RobotSection(_Model):
 class ProgressModel(_Model):
     """The progress checker, with Nav2's names: move this far [m] or turn this far [rad] within this time [s], or be `stuck`."""
 
-    required_movement_radius: Positive = 0.10
-    required_movement_angle: Positive = 0.30
-    movement_time_allowance: Positive = 20.0
+    required_movement_radius: Reach = 0.10
+    required_movement_angle: Reach = 0.30
+    movement_time_allowance: Duration = 20.0
 
 
 class DefaultsModel(_Model):
@@ -192,26 +209,26 @@ class Scenario(_Model):
     name: str = "unnamed"
     description: str = ""
     map: str
-    resolution: Positive | None = None
+    resolution: Side | None = None
     prior: str = "truth"
-    unknown_obstacles: list[SolidModel] = []
+    unknown_obstacles: Annotated[list[SolidModel], Field(max_length=MOST_THINGS)] = []
     border: Literal["wall", "open"] = "wall"
-    wall_height: Positive = 0.30
+    wall_height: Length = 0.30
     start: PoseTriple
     start_known: bool = True
     goal: PointOrTriple | None = None
     goal_may_be_blocked: bool = False
-    xy_goal_tolerance: Positive = 0.10
-    yaw_goal_tolerance: Positive = 0.25
-    success_radius: Positive = 0.25
-    landmarks: list[LandmarkModel] = []
-    movers: list[MoverModel] = []
-    events: list[EventModel] = []
+    xy_goal_tolerance: Tolerance = 0.10
+    yaw_goal_tolerance: Turn = 0.25
+    success_radius: Tolerance = 0.25
+    landmarks: Annotated[list[LandmarkModel], Field(max_length=MOST_BODIES)] = []
+    movers: Annotated[list[MoverModel], Field(max_length=MOST_BODIES)] = []
+    events: Annotated[list[EventModel], Field(max_length=MOST_THINGS)] = []
     robot: RobotSection = RobotSection()
     on_contact: Literal["end", "continue"] = "end"
     lighting: Literal["default", "dim", "bright"] = "default"
     progress: ProgressModel = ProgressModel()
-    time_limit: Positive = 120.0
+    time_limit: Duration = 120.0
     defaults: DefaultsModel = DefaultsModel()
     folder: Annotated[Path, Field(exclude=True, repr=False)] = MODELS / "scenarios"
 
@@ -234,7 +251,7 @@ class Scenario(_Model):
         """
         name = self.robot.model
         beside = self.folder / Path(name).expanduser()
-        return RobotModel.load(beside if name not in robot_names() and beside.exists() else name)
+        return RobotModel.load(beside if name not in robot_names() and os.path.exists(beside) else name)
 
     def file(self, field: str) -> Path:
         """The file that `map` or `prior` names: beside the scenario, in its parent folder, or in `models/`.
@@ -246,7 +263,7 @@ class Scenario(_Model):
         path = Path(name).expanduser()
         candidates = [path] if path.is_absolute() else [base / path for base in (self.folder, self.folder.parent, MODELS)]
         for candidate in candidates:
-            if candidate.is_file():
+            if os.path.isfile(candidate):
                 return candidate
         raise ScenarioError(f"scenario {self.name}: {field}: there is no file {name!r} beside it or in {MODELS.name}/")
 

@@ -48,6 +48,7 @@ class Scene:
         landmarks: coloured balls.
         start: true world_from_robot at the beginning.
         goal: or None.
+        notes: on its files: what is legal but probably not meant.
     """
 
     scenario: Scenario
@@ -57,6 +58,7 @@ class Scene:
     landmarks: tuple[Landmark, ...]
     start: SE2
     goal: Goal | None
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def load(cls, scenario: Scenario, footprint: Footprint) -> Scene:
@@ -66,13 +68,14 @@ class Scene:
             MapFormatError: a map cannot be read.
             StartOccupied, GoalOccupied, OutsideMap, ScenarioError: something lies where it must not.
         """
-        grid, pillars, drawn = _load_world(scenario)
+        notes: list[str] = []
+        grid, pillars, drawn = _load_world(scenario, notes)
         if scenario.prior == "none":
             prior = None
         elif scenario.prior == "truth":
             prior = drawn
         else:
-            prior = load_map(scenario.file("prior"), scenario.resolution)
+            prior = load_map(scenario.file("prior"), scenario.resolution, notes)
         goal = None
         if scenario.goal is not None:
             goal = Goal(
@@ -89,6 +92,7 @@ class Scene:
             _landmarks(scenario),
             pose_of(scenario.start),
             goal,
+            tuple(notes),
         )
         scene._check(footprint)
         return scene
@@ -228,7 +232,8 @@ class Scene:
             if grid.occupied[cell]:
                 raise GoalOccupied(f"{what} ({x:g}, {y:g}) lies in a wall of the {name}")
             walls = enclosed(grid, self.scenario.border == "wall")
-            room = float(ClearanceField(walls, walls.occupied).points(goal.position[None])[0])
+            near = _around(walls, walls.cell_from_world(goal.position), math.ceil(footprint.inscribed_radius / grid.resolution) + 1)
+            room = float(ClearanceField(near, near.occupied).points(goal.position[None])[0])
             if room < footprint.inscribed_radius:
                 raise GoalOccupied(
                     f"{what} ({x:g}, {y:g}) is too tight: the nearest wall of the {name} is {room:.3f} m away, "
@@ -239,11 +244,19 @@ class Scene:
             raise GoalOccupied(f"{what} ({x:g}, {y:g}) is too tight: an unknown obstacle or the border stands there")
 
 
-def _load_world(scenario: Scenario) -> tuple[OccupancyGrid, tuple[Solid, ...], OccupancyGrid]:
+def _around(grid: OccupancyGrid, cell: tuple[int, int], reach: int) -> OccupancyGrid:
+    """The cells at most `reach` rows and columns from one."""
+    low = [max(0, index - reach) for index in cell]
+    rows, cols = (slice(first, index + reach + 1) for first, index in zip(low, cell, strict=True))
+    corner = grid.origin @ SE2(low[1] * grid.resolution, low[0] * grid.resolution)
+    return OccupancyGrid(grid.data[rows, cols], grid.resolution, corner)
+
+
+def _load_world(scenario: Scenario, notes: list[str]) -> tuple[OccupancyGrid, tuple[Solid, ...], OccupancyGrid]:
     """The grid of walls, the cylinders, and the map that shows both: of a BARN world the first is empty."""
     path = scenario.file("map")
     if file_kind(path) != "barn_world":
-        grid = load_map(path, scenario.resolution)
+        grid = load_map(path, scenario.resolution, notes)
         return grid, (), grid
     barn = load_barn_world(path)
     ends = [pose_of(scenario.start).position, *([] if scenario.goal is None else [np.array(scenario.goal[:2])])]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-import yaml
-
 from robocar.core import ScenarioError
+from robocar.core.text import shown
+from robocar.reading import parse_yaml
 
 COMPONENTS = ("navigator", "estimator", "mapper")
 
@@ -75,8 +75,5 @@ def parse_setting(text: str) -> tuple[str, Any]:
     """`path.to.parameter=value`, the value in YAML."""
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
-        raise ScenarioError(f"--set {text!r}: expected path.to.parameter=value")
-    try:
-        return key.strip(), yaml.safe_load(value)
-    except yaml.YAMLError as error:
-        raise ScenarioError(f"--set {text!r}: the value is not YAML") from error
+        raise ScenarioError(f"--set {shown(text)}: expected path.to.parameter=value")
+    return key.strip(), parse_yaml(value, f"--set {key.strip():.80}", ScenarioError)

@@ -16,14 +16,17 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from robocar.core import MapFormatError
+
 Rectangles = NDArray[np.int64]
 
 
-def cover(blocked: NDArray[np.bool_]) -> Rectangles:
+def cover(blocked: NDArray[np.bool_], most: int | None = None) -> Rectangles:
     """Few rectangles whose union is exactly the blocked cells.
 
     Args:
         blocked: (rows, cols).
+        most: maps that need more rectangles are refused before they are computed.
 
     Returns:
         (n, 4) as (first row, first col, last row + 1, last col + 1), each maximal: none can grow without meeting a cell
@@ -31,12 +34,31 @@ def cover(blocked: NDArray[np.bool_]) -> Rectangles:
 
     Raises:
         ValueError: not two-dimensional.
+        MapFormatError: more than `most`.
     """
     blocked = np.ascontiguousarray(blocked, dtype=np.bool_)
     if blocked.ndim != 2:
         raise ValueError(f"blocked cells need rows and columns, not shape {blocked.shape}")
+    if most is not None and (least := _corners(blocked) // 4) > most:  # a rectangle has four
+        raise MapFormatError(f"the map's walls need {least} boxes or more, at most {most} are simulated")
     candidates = _maximal_rectangles(blocked)
     return _without_redundant(_greedy(candidates, blocked.copy()), blocked.shape)
+
+
+@njit(cache=True)
+def _corners(blocked: NDArray[np.bool_]) -> int:
+    """Convex corners of the blocked area: points at which one cell of four is blocked, or two across."""
+    rows, cols = blocked.shape
+    count = 0
+    for row in range(rows + 1):
+        for col in range(cols + 1):
+            a = row > 0 and col > 0 and blocked[row - 1, col - 1]
+            b = row > 0 and col < cols and blocked[row - 1, col]
+            c = row < rows and col > 0 and blocked[row, col - 1]
+            d = row < rows and col < cols and blocked[row, col]
+            around = int(a) + int(b) + int(c) + int(d)
+            count += 1 if around == 1 else 2 if around == 2 and a == d else 0
+    return count
 
 
 @njit(cache=True)
@@ -113,7 +135,7 @@ def _greedy(candidates: Rectangles, left: NDArray[np.bool_]) -> Rectangles:
 @njit(cache=True)
 def _without_redundant(rectangles: Rectangles, shape: tuple[int, int]) -> Rectangles:
     """The rectangles without those whose cells others cover as well, the last chosen looked at first, (n, 4)."""
-    times = np.zeros(shape, dtype=np.int64)
+    times = np.zeros(shape, dtype=np.int32)
     for r0, c0, r1, c1 in rectangles:
         times[r0:r1, c0:c1] += 1
     keep = np.ones(len(rectangles), dtype=np.bool_)

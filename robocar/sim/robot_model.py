@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
@@ -67,7 +68,7 @@ class RobotModel:
         """
         folder = MODELS / "robots" / source if str(source) in robot_names() else Path(source).expanduser()
         folder = folder.parent if folder.name == FILE else folder
-        if not (folder / FILE).is_file():
+        if not os.path.isfile(folder / FILE):
             known = robot_names()
             raise ScenarioError(
                 f"unknown robot {str(source)!r}{did_you_mean(str(source), known)}; known: {', '.join(known)}, "

@@ -21,7 +21,7 @@ from typing import Any, Literal, TypeAlias
 import mujoco
 import numpy as np
 
-from robocar.core import SE2, Landmark, OccupancyGrid, ScenarioError, UnknownNameError
+from robocar.core import SE2, Landmark, MapFormatError, OccupancyGrid, ScenarioError, UnknownNameError
 from robocar.core.solids import Box, Cylinder, Solid
 from robocar.sim.cover import cover
 from robocar.sim.movers import Mover, add_mover
@@ -40,6 +40,7 @@ TOP_CAMERA = "top"
 TOP_CAMERA_FOVY = 45.0  # [deg]
 TOP_CAMERA_SIZE = (640, 480)  # width, height [pixels]
 BORDER_THICKNESS = 0.1  # [m]
+MOST_BOXES = 50_000  # of walls: four times a large cave's
 WALL_FRICTION = 0.3  # of painted walls, as the car's hull has it
 
 COLORS: dict[str, tuple[float, float, float]] = {
@@ -170,7 +171,9 @@ def _add_walls(spec: mujoco.MjSpec, grid: OccupancyGrid, height: float) -> None:
     blocked = grid.occupied
     if not np.any(blocked):
         return
-    rectangles = cover(blocked)
+    rectangles = cover(blocked, MOST_BOXES)
+    if len(rectangles) > MOST_BOXES:
+        raise MapFormatError(f"the map's walls need {len(rectangles)} boxes, at most {MOST_BOXES} are simulated")
     first, last = rectangles[:, 1::-1] * grid.resolution, rectangles[:, :1:-1] * grid.resolution  # (n, 2) x, y [m] in the grid
     centers = grid.origin.transform((first + last) / 2)
     for (x, y), (length, width) in zip(centers, last - first, strict=True):

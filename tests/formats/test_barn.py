@@ -122,7 +122,7 @@ def test_bounds_widen_the_grid_with_free_cells():
 
 
 def test_grids_that_make_no_sense_are_refused():
-    world = BarnWorld(np.array([[0.0, 0.0, 1.0], [1e9, 0.0, 1.0]]))
+    world = BarnWorld(np.array([[0.0, 0.0, 1.0], [1e6, 0.0, 1.0]]))
     with pytest.raises(MapFormatError, match="cells, at most"):
         world.grid()
     with pytest.raises(ParameterError, match="resolution"):

@@ -170,7 +170,7 @@ def test_damaged_png_is_refused_by_its_checksums(tmp_path):
     [
         (b"", ["empty", "PGM", "PNG", "BMP"]),
         (b"hello, I am no image", ["hello", "not an image"]),
-        (b"P6\n1 1\n255\n\0\0\0", ["P6", "not an image"]),
+        (b"P7\n1 1\n255\n\0\0\0", ["P7", "not an image"]),
         (b"P5\n0 4\n255\n", ["width", "positive", "'0'"]),
         (b"P5\n4 -4\n255\n", ["height", "positive", "'-4'"]),
         (b"P5\n4 x\n255\n", ["height", "'x'"]),

@@ -202,7 +202,7 @@ class TestBaselines:
     @pytest.mark.parametrize(
         ("text", "words"),
         [
-            ("", "not a baseline that can be read"),
+            ("", "not JSON that can be read"),
             ("[1]", "no baseline"),
             ('{"schema": 1}', "no baseline"),
             ('{"kind": "robocar-baseline", "schema": 2}', "a baseline of schema 2, this robocar knows 1"),

@@ -101,7 +101,7 @@ class TestBadFields:
     @pytest.mark.parametrize(
         ("text", "message"),
         [
-            ("map: [a", "line 1.*not YAML"),
+            ("map: [a", "line [12].*not YAML"),
             ("- a\n- b\n", "mapping of keys to values, not list"),
             ("", "mapping of keys to values, not NoneType"),
             ("map: a.yaml\nstart: [0, 0, 0]\nfolder: /\n", "unknown key 'folder'"),
