@@ -1,6 +1,15 @@
-"""Texts that come from elsewhere: can they be written, and how are they shown."""
+"""Texts that come from elsewhere, names in files above all: can they be written, and how are they shown.
+
+A text that is put into another language is escaped there and only there, by the function of that language: `printable` for
+terminals and logs, `html_text`, `xml_text`, `csv_cell`, `markdown_text`, `figure_text` (matplotlib).
+"""
 
 from __future__ import annotations
+
+import re
+from html import escape
+
+_MARKDOWN = re.compile(r"([\\`*_{}\[\]()<>#|~!$&])")
 
 
 def is_text(text: str) -> bool:
@@ -18,5 +27,48 @@ def describe(error: BaseException) -> str:
         message = str(error)
     except Exception:
         message = "(its message cannot be made)"
-    line = " ".join(f"{type(error).__name__}: {message}".split())
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
+    return one_line(f"{type(error).__name__}: {message}")
+
+
+def printable(text: str) -> str:
+    """Without what moves a terminal's cursor, colours it or cannot be encoded; ends of lines and tabs stay."""
+    return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text)
+
+
+def one_line(text: str) -> str:
+    """`printable`, without ends of lines."""
+    return printable(" ".join(text.split()))
+
+
+def html_text(text: str) -> str:
+    """For HTML, between tags and in attributes."""
+    return escape(printable(text))
+
+
+def xml_text(text: str) -> str:
+    """For a library that writes XML: without the characters that XML has none for."""
+    return "".join(c if c.isprintable() or c in "\n\t" else "?" for c in text)
+
+
+def csv_cell(value: object) -> object:
+    """For CSV: a text that a spreadsheet would take for a formula begins with an apostrophe. Numbers are themselves."""
+    if not isinstance(value, str):
+        return value
+    text = printable(value)
+    return f"'{text}" if text.lstrip().startswith(("=", "+", "-", "@")) else text
+
+
+def markdown_text(text: str) -> str:
+    """For Markdown, in a paragraph or in the cell of a table: every sign is itself."""
+    return _MARKDOWN.sub(r"\\\1", one_line(text))
+
+
+def markdown_cell(text: str) -> str:
+    """For the cell of a table whose text is Markdown itself: it stays one cell, and no HTML."""
+    return re.sub(r"(?<!\\)\|", r"\\|", one_line(text)).replace("<", "&lt;")
+
+
+def figure_text(text: str) -> str:
+    """For matplotlib, whose `$` begins a formula; a leading underscore would hide a legend's entry."""
+    line = one_line(text).replace("$", r"\$")
+    return f" {line}" if line.startswith("_") else line
