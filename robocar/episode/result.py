@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,6 +35,7 @@ class RunResult:
         efforts: of the commands that say that something was computed for them.
         directory: where the files are, None if none were asked for.
         traceback: of a part that raised, else empty.
+        name: of the run, which no other one has, see `robocar.episode.identity`; settings: that it was run with.
     """
 
     scenario: str
@@ -51,6 +53,8 @@ class RunResult:
     efforts: tuple[Effort, ...] = ()
     directory: Path | None = None
     traceback: str = ""
+    name: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def success(self) -> bool:

@@ -198,6 +198,8 @@ class _Subject:
             odometry=Trajectory(frozen_array(times), frozen_array(odometry)),
             efforts=tuple(judge.efforts),
             traceback=judge.traceback,
+            name=self.spec.label,
+            settings=self.spec.settings,
         )
 
     def _tracks(self, ticks: list[Tick]) -> dict[str, Track]:

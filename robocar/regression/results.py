@@ -14,6 +14,7 @@ from typing import Any
 import yaml
 
 from robocar.core import LogFormatError, OutputError
+from robocar.core.text import csv_cell
 
 SCHEMA = 1
 """Of `sweep.json`, of the Parquet file and of `metrics.json`; files of another schema are refused."""
@@ -27,7 +28,7 @@ class Row:
     """One run.
 
     Args:
-        name: of its directory.
+        name: of its directory, which is its identity.
         settings: the overrides it was run with, as JSON with sorted keys.
         hash, fingerprint: None where the run was lost.
         versions: of Python and of packages; empty where nobody wrote them down.
@@ -141,8 +142,13 @@ def _row(path: Path) -> tuple[Row, dict[str, str]]:
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise _NotARun(f"metrics.json is damaged ({type(error).__name__}: {error})") from error
     settings = read_yaml(path / "config.yaml").get("settings") or {}
-    text = json.dumps(settings, sort_keys=True, default=str)
+    text = settings_text(settings)
     return Row(path.name, seed=seed, settings=text, metrics=metrics, versions=versions, **facts, **hashes), units  # type: ignore[arg-type]
+
+
+def settings_text(settings: Mapping[str, Any]) -> str:
+    """JSON with sorted keys: equal settings are equal texts."""
+    return json.dumps(dict(settings), sort_keys=True, default=str)
 
 
 def _number(value: Any) -> float | None:
@@ -240,9 +246,11 @@ def write_csv(results: Results, path: str | Path) -> Path:
     try:
         with Path(path).open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
-            writer.writerow([*FACTS, *(f"{name} [{unit}]" for name, unit in results.units.items())])
+            heads = [*FACTS, *(f"{name} [{unit}]" for name, unit in results.units.items())]
+            writer.writerow(map(csv_cell, heads))
             for row in results.rows:
-                writer.writerow([*(getattr(row, name) for name in FACTS), *(row.metrics.get(name) for name in results.units)])
+                cells = [*(getattr(row, name) for name in FACTS), *(row.metrics.get(name) for name in results.units)]
+                writer.writerow(map(csv_cell, cells))
     except OSError as error:
         raise OutputError(f"{path}: cannot write: {error.strerror or error}") from error
     return Path(path)

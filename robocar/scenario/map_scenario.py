@@ -57,7 +57,7 @@ def map_scenario(
     goal_pose = numbers.get("goal")
     distance = 10.0 if goal_pose is None else math.dist(start_pose[:2], goal_pose[:2])
     return {
-        "name": path.name.partition(".")[0],
+        "name": path.stem,
         "map": str(path.resolve()),
         "resolution": resolution,
         "start": start_pose,
