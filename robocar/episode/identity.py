@@ -82,7 +82,9 @@ class World:
             parts: see `robocar.episode.given.part_identity`.
             settings: see `robocar.scenario.settings.flat`.
         """
-        return digest(self.digest, dict(parts), seed, {key: value for key, value in settings.items() if key not in _FILES})
+        return digest(
+            self.name, self.digest, dict(parts), seed, {key: value for key, value in settings.items() if key not in _FILES}
+        )
 
     def run_name(self, parts: Mapping[str, str], seed: int, settings: Mapping[str, Any]) -> str:
         """`<scenario>--<navigator>--<estimator>--<mapper>--s<seed>[--<8 digits of the digest>]`: a folder's name.
