@@ -15,6 +15,7 @@ from concurrent.futures import TimeoutError as FutureTimeoutError
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from multiprocessing import resource_tracker
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, Protocol
@@ -208,6 +209,7 @@ def set_deaf(deaf: bool = True) -> None:
     """Ctrl-C reaches every process of a terminal. What is started from this thread from now on inherits that it does not hear it,
     from its first instruction on: the process that starts it hears it, and ends it."""
     if hasattr(signal, "pthread_sigmask"):  # Windows has none
+        resource_tracker.ensure_running()  # which would let this thread hear again, when the first process is started
         signal.pthread_sigmask(signal.SIG_BLOCK if deaf else signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
