@@ -25,7 +25,9 @@ SHORT = 8
 _FILES = ("map", "prior", "robot.model")
 """Settings that name files: their content counts, which stands in the scenario's digest."""
 _WORD = re.compile(r"[^\W_]\w*(\.\w+)*(-\w+(\.\w+)*)*")
-"""A word that can stand in a name as it is: not hidden, no separator of names or folders in it."""
+"""A scenario's name that can stand in a run's name as it is: not hidden, no separator of names or folders in it."""
+_PART = re.compile(r"[^\W_]+([.-][^\W_]+)*|\w+(\.\w+)*:[^\W_]+")
+"""A part's: a registered one, or `module:factory`, whose colon becomes the last underscore, and nothing else does."""
 
 
 def digest(*facts: Any) -> str:
@@ -92,8 +94,8 @@ class World:
         Args:
             parts, settings: as for the digest.
         """
-        words = [self.name, parts["navigator"], parts["estimator"], parts["mapper"]]
-        plain = self.shipped and not settings and all(_WORD.fullmatch(word) for word in words)
+        words = [self.name, *(parts[kind] for kind in ("navigator", "estimator", "mapper"))]
+        plain = self.shipped and not settings and _WORD.fullmatch(self.name) and all(map(_PART.fullmatch, words[1:]))
         mark = [] if plain else [self.run_digest(parts, seed, settings)[:SHORT]]
         return "--".join([*map(_as_word, words), f"s{seed}", *mark])
 

@@ -111,8 +111,9 @@ def test_words_that_read_alike_do_not_collide() -> None:
         )
 
     assert of("a--b", "c", "d", "e") != of("a", "b--c", "d", "e")
-    assert of("r", "own:build", "d", "e") != of("r", "own_build", "d", "e")
+    assert len({of("r", part, "d", "e") for part in ("a_b:c", "a:b_c", "a_b_c", "a.b:c", "a_b.c", "a:b.c")}) == 6
     assert of("a-", "b", "d", "e") != of("a", "-b", "d", "e")
+    assert of("tilted", "wall_shy:build", "truth", "none") == "tilted--wall_shy_build--truth--none--s0"
     assert of("thesis-field", "a-star", "truth", "none") == "thesis-field--a-star--truth--none--s0"
 
 
