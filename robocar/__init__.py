@@ -8,6 +8,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from robocar.kernel_cache import provide_cache
+
 if TYPE_CHECKING:
     from robocar.episode.result import RunResult
     from robocar.episode.run import run, simulate
@@ -19,6 +21,8 @@ __all__ = ["RunResult", "__version__", "run", "simulate"]
 # there are no symbolic links, they lie beside this folder.
 if not (Path(__file__).parent / "planners" / "__init__.py").is_file():
     __path__.append(str(Path(__file__).parents[1]))
+
+provide_cache()  # before the first import of Numba
 
 
 def __getattr__(name: str) -> Any:

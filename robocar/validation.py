@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import difflib
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -120,7 +122,7 @@ def _explain(model: type[BaseModel], error: Any) -> str:
     field = ".".join(str(part) for part in location)
     if error["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         known = _keys_at(model, location[:-1])
-        return f"unknown key {field!r}{did_you_mean(str(location[-1]), known)}; known: {', '.join(known)}"
+        return f"unknown key {field!r}{_meant(model, str(location[-1]), known)}; known: {', '.join(known)}"
     if error["type"] == "missing" and isinstance(location[-1], int):
         return f"{'.'.join(map(str, location[:-1]))}: number {location[-1] + 1} is missing"
     if error["type"] == "missing":
@@ -133,9 +135,37 @@ def _explain(model: type[BaseModel], error: Any) -> str:
     return f"{field}: {message}, not {shown(error['input'])}"
 
 
+@cache
+def _schema(model: type[BaseModel]) -> dict[str, Any]:
+    return model.model_json_schema()
+
+
+def _meant(model: type[BaseModel], key: str, known: Sequence[str]) -> str:
+    """A key of another place under its own name, rather than a similar one of this place, rather than one of another place."""
+    places: dict[str, list[str]] = {}
+    for path in _paths(model):
+        places.setdefault(path.rpartition(".")[2], []).append(path)
+    if key not in places and (near := did_you_mean(key, known)):
+        return near
+    names = [key] if key in places else difflib.get_close_matches(key, places, n=1, cutoff=0.8)
+    found = [path for name in names for path in places[name]]
+    return f" (did you mean {' or '.join(map(repr, found))}?)" if found else ""
+
+
+def _paths(model: type[BaseModel]) -> list[str]:
+    """Dotted paths of all keys that are not in a list."""
+    found: list[str] = []
+    to_do = [(name,) for name in _keys_at(model, ())]
+    while to_do:
+        path = to_do.pop(0)
+        found.append(".".join(path))
+        to_do += [(*path, name) for name in _keys_at(model, path)]
+    return found
+
+
 def _keys_at(model: type[BaseModel], location: Sequence[int | str]) -> list[str]:
     """Valid keys of the part of the model that a location leads to."""
-    schema = model.model_json_schema()
+    schema = _schema(model)
     node: dict[str, Any] = schema
     for part in location:
         inner = node.get("items") if isinstance(part, int) else node.get("properties", {}).get(part)

@@ -23,7 +23,7 @@ BY_NAME = ("import_module", "__import__")
 # A room with rooms inside has layers of its own; HERE stands for the modules that lie directly in it.
 LAYERS: tuple[Mapping[str, Any], ...] = (
     {"core": None},
-    {"paths": None, "reading": None},
+    {"paths": None, "reading": None, "kernel_cache": None},
     {"validation": None},
     {
         "formats": None,

@@ -10,7 +10,7 @@ import tyro
 
 from robocar import __version__
 from robocar.cli import check, experiments, listing, regression, run, view
-from robocar.cli.output import fail, put
+from robocar.cli.output import fail
 
 _COMMANDS: dict[str, Callable[..., int]] = {
     **run.COMMANDS,
@@ -27,7 +27,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     """The console script `robocar`."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     if words == ["--version"]:
-        put(f"robocar {__version__}")
+        sys.stdout.write(f"robocar {__version__}\n")
         sys.exit(0)
     # `--start -1,2`: a value that begins with a minus sign is no option.
     for i in range(len(words) - 1, 0, -1):
@@ -41,6 +41,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
             description="Mobile-robot navigation in MuJoCo physics without ROS.",
         )
     except KeyboardInterrupt:
+        sys.stderr.write("interrupted\n")
         sys.exit(130)
     except BrokenPipeError:
         sys.stderr.close()  # the reader of our output has gone: nothing left to say

@@ -11,25 +11,33 @@ import tyro
 
 from robocar.cli.output import Flag, dumps, put
 
+KINDS = ("scenarios", "navigators", "estimators", "mappers", "experiments", "suites")
+
 
 def show_list(
-    what: tyro.conf.Positional[Literal["scenarios", "navigators", "estimators", "mappers", "experiments", "suites"]],
+    what: tyro.conf.Positional[
+        Literal["all", "scenarios", "navigators", "estimators", "mappers", "experiments", "suites"]
+    ] = "all",
     /,
     json: Flag = False,
 ) -> int:
     """List what there is.
 
     Args:
-        what: scenarios, navigators, estimators, mappers, experiments or suites.
-        json: as one JSON object.
+        what: scenarios, navigators, estimators, mappers, experiments or suites; without it, all of them.
+        json: as one JSON object, of all kinds with an object for each.
     """
-    found = listing(what)
+    kinds = KINDS if what == "all" else (what,)
+    found = {kind: listing(kind) for kind in kinds}
     if json:
-        put(dumps(found))
-    else:
-        width = max((len(name) for name in found), default=0)
-        for name, summary in found.items():
-            put(f"{name:{width}}  {summary}")
+        put(dumps(found if what == "all" else found[what]))
+        return 0
+    for kind, entries in found.items():
+        if what == "all":
+            put(f"{'' if kind == KINDS[0] else chr(10)}{kind}:")
+        width = max((len(name) for name in entries), default=0)
+        for name, summary in entries.items():
+            put(f"{'  ' if what == 'all' else ''}{name:{width}}  {summary}")
     return 0
 
 

@@ -13,7 +13,9 @@ Flag = tyro.conf.FlagCreatePairsOff[bool]
 
 def complain(message: str) -> None:
     """Bad input: one line on stderr."""
-    sys.stderr.write(f"error: {' '.join(message.split())}\n")
+    from robocar.core.text import one_line
+
+    sys.stderr.write(f"error: {one_line(message)}\n")
 
 
 def fail(message: str) -> NoReturn:
@@ -23,8 +25,10 @@ def fail(message: str) -> NoReturn:
 
 
 def put(text: str) -> None:
-    """A line of data."""
-    sys.stdout.write(text + "\n")
+    """Lines of data."""
+    from robocar.core.text import printable
+
+    sys.stdout.write(printable(text) + "\n")
     sys.stdout.flush()
 
 

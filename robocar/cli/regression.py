@@ -52,8 +52,12 @@ def sweep_suite(args: Annotated[SweepArguments, tyro.conf.arg(name="")]) -> int:
     find_modules_here(*args.navigator)
     loaded = load_suite(args.suite, navigators=args.navigator, seeds=args.seed)
     folder = args.out or Path("runs") / loaded.name
-    with sweep_bar() as progress:
-        swept = sweep(loaded, folder, jobs=args.jobs, scheduler=args.scheduler, resume=args.resume, progress=progress)
+    try:
+        with sweep_bar() as progress:
+            swept = sweep(loaded, folder, jobs=args.jobs, scheduler=args.scheduler, resume=args.resume, progress=progress)
+    except KeyboardInterrupt:
+        say(f"interrupted; --resume goes on with what is not complete in {folder}")
+        return 130
     results(folder, junit=args.junit, json=args.json)
     say(f"{swept.done} runs done, {swept.before} were there already, {len(swept.lost)} lost: {folder}")
     for name in swept.lost:

@@ -28,8 +28,8 @@ class RunArguments:
         estimator: who says where the robot is, see `robocar list estimators`.
         mapper: who draws the map, see `robocar list mappers`.
         seed: of all noise, tolerances and sampling.
-        set: changes a value of the scenario (robot.lidar=hokuyo) or of a part (navigator.controller.lookahead_dist=0.3); may be
-            repeated.
+        set: changes a value of the scenario (robot.lidar=hokuyo) or of a part, which each has its own (of --navigator a-star:
+            navigator.controller.lookahead_dist=0.3); may be repeated.
         resolution: side of a cell of a map file [m].
         start: where the robot starts on a map file [m, m, rad].
         goal: where it shall go on a map file [m, m, rad].
@@ -138,7 +138,8 @@ class ReplayArguments:
         mapper: who draws the map.
         seed: of the estimator's random numbers; by default the run's, or 0.
         subject: number of the robot in an MRCLAM folder; by default its first.
-        set: changes a parameter (estimator.max_particles=400); may be repeated.
+        set: changes a parameter of the estimator or the mapper (of --estimator particle-filter: estimator.max_particles=400);
+            may be repeated.
         out: folder in which the run directory is made.
         live: show the replay in a viewer while it goes on.
         no_recording: write no run.rrd.

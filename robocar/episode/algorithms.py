@@ -5,9 +5,9 @@ Adding one means writing its file and adding its line here.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 Kind = Literal["navigator", "estimator", "mapper"]
 
@@ -17,14 +17,14 @@ class Entry:
     """One algorithm that can be chosen by name.
 
     Args:
-        factory: `module:function`, called with the `Context` and the factories in `parts`.
+        factory: `module:function`, or the function, called with the `Context` and the factories in `parts`.
         parts: `module:function` of component factories (of a global planner and a controller, say).
         parameters: `module:Class` of the dataclasses whose fields may be set, by part: `""` is the algorithm itself
             (`--set navigator.<field>=value`), another one of its parts (`--set navigator.controller.<field>=value`).
         summary: one line for `robocar list`; paper: its source.
     """
 
-    factory: str
+    factory: str | Callable[..., Any]
     summary: str
     paper: str = ""
     parts: tuple[str, ...] = ()

@@ -56,20 +56,20 @@ class Assembly:
         Raises:
             ParameterError: it does, and nothing draws a map.
         """
-        explores = capabilities("navigator", self.spec.navigator).explores
-        if explores and self.spec.mapper == "none" and not capabilities("estimator", self.spec.estimator).maps:
+        explores = capabilities("navigator", self.spec.part("navigator")).explores
+        if explores and self.spec.mapper == "none" and not capabilities("estimator", self.spec.part("estimator")).maps:
             raise ParameterError("a navigator that explores needs a map: --mapper laser or --mapper sonar")
         return explores
 
     @property
     def draws_map(self) -> bool:
         """Whether somebody draws a map."""
-        return self.spec.mapper != "none" or capabilities("estimator", self.spec.estimator).maps
+        return self.spec.mapper != "none" or capabilities("estimator", self.spec.part("estimator")).maps
 
     @property
     def knows_truth(self) -> bool:
         """Whether the estimator is the oracle, so that there is no localization to judge."""
-        return capabilities("estimator", self.spec.estimator).oracle
+        return capabilities("estimator", self.spec.part("estimator")).oracle
 
     def navigator(self) -> Navigator:
         """See `registry.build`.
@@ -77,8 +77,8 @@ class Assembly:
         Raises:
             ParameterError: it promises to keep off what moves, something does, and the robot does not show it.
         """
-        check_sight_of_movers(self.spec.navigator, self.spec.scenario, self.robot)
-        return self._part("navigator", self.spec.navigator)
+        check_sight_of_movers(self.spec.part("navigator"), self.spec.scenario, self.robot)
+        return self._part("navigator")
 
     def estimator(self) -> Estimator:
         """Pose estimator and mapper as one, or the estimator that is both.
@@ -87,24 +87,24 @@ class Assembly:
             ScenarioError: an estimator that draws a map itself, with a mapper beside it; or the oracle without a simulator.
         """
         spec = self.spec
-        declared = capabilities("estimator", spec.estimator)
+        declared = capabilities("estimator", spec.part("estimator"))
         if declared.maps and spec.mapper != "none":
             raise ScenarioError(f"estimator {spec.estimator!r} draws the map itself, and needs no mapper: --mapper none")
         if declared.oracle and self.oracle is None:
             raise ScenarioError(f"the pose oracle needs a simulator: a log cannot be replayed with --estimator {spec.estimator}")
-        estimator = self._part("estimator", spec.estimator, self.oracle if declared.oracle else None)
+        estimator = self._part("estimator", self.oracle if declared.oracle else None)
         if declared.maps:
             return estimator
-        return Cascade(estimator, self._part("mapper", spec.mapper), capabilities("mapper", spec.mapper).complete)
+        return Cascade(estimator, self._part("mapper"), capabilities("mapper", spec.part("mapper")).complete)
 
     def odometry(self) -> OdometryEstimator:
         """Dead reckoning beside the estimator, for metrics and pictures."""
         return OdometryEstimator(self._context("odometry"))
 
-    def _part(self, kind: Kind, name: str, oracle: Callable[[], GroundTruth] | None = None) -> Any:
+    def _part(self, kind: Kind, oracle: Callable[[], GroundTruth] | None = None) -> Any:
         given = dict(self.spec.parameters.get(kind, {}))
-        context = replace(self._context(f"{kind}/{name}"), parameters=given, path=kind)
-        return build(kind, name, context if oracle is None else replace(context, oracle=oracle))
+        context = replace(self._context(f"{kind}/{self.spec.parts[kind]}"), parameters=given, path=kind)
+        return build(kind, self.spec.part(kind), context if oracle is None else replace(context, oracle=oracle))
 
     def _context(self, component: str) -> Context:
         rng = stream(self.spec.seed, component)

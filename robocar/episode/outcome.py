@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from robocar.core import MapView, OccupancyGrid, OutputError
 from robocar.core.text import describe
+from robocar.episode.blame import describe_with_place
 from robocar.episode.checked import drawn
 from robocar.recording import Recorder
 
@@ -48,7 +49,7 @@ class Outcome:
         except OutputError:
             raise
         except (Exception, SystemExit) as error:  # also a mapper's grid or a trace that cannot be drawn
-            self.status, self.reason = "error", describe(error)
+            self.status, self.reason = "error", describe_with_place(error)
             self.traceback = _traceback(error)
 
     def finish(self, recorder: Recorder, view: MapView | None) -> OccupancyGrid | None:

@@ -1,8 +1,8 @@
 """Algorithms by name: found, checked and built.
 
 The names that come with Robocar are in `algorithms`. Packages of others register theirs in the entry-point groups
-`robocar.planners` (navigators) and `robocar.estimators` (`name = "package.module:factory"`), and the command line also takes
-`package.module:factory` itself.
+`robocar.planners` (navigators) and `robocar.estimators` (`name = "package.module:factory"`). The command line also takes
+`package.module:factory` itself, Python a class or factory. Files only name what is registered: data runs no code.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import importlib.metadata
 import inspect
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from types import ModuleType
@@ -18,10 +19,10 @@ from typing import Any
 from robocar.core import Context, ParameterError, RobocarError, UnknownNameError
 from robocar.core.capabilities import Capabilities, capabilities_of
 from robocar.core.suggestions import did_you_mean
-from robocar.core.text import describe
 from robocar.episode.algorithms import TABLES, Entry, Kind
+from robocar.episode.blame import describe_with_place
+from robocar.episode.given import Part, part_name
 
-_BY_PATH = "given as package.module:factory"
 _GROUPS: dict[Kind, str] = {"navigator": "robocar.planners", "estimator": "robocar.estimators"}
 _ASKED: dict[Kind, tuple[str, tuple[str, ...], str]] = {
     "navigator": ("command", ("state", "observation", "goal"), "Command"),
@@ -40,8 +41,26 @@ def names(kind: Kind) -> dict[str, Entry]:
     return table
 
 
-def find(kind: Kind, name: str) -> Entry:
-    """The entry of a registered name, or of `package.module:factory`.
+def find(kind: Kind, part: Part) -> Entry:
+    """The entry of a registered name, of `package.module:factory`, or of a class or factory.
+
+    Raises:
+        UnknownNameError: nothing is registered under this name; the message lists what is.
+        ParameterError: something else was given.
+    """
+    if not isinstance(part, str):
+        if callable(part):
+            return Entry(part, "given as a class or factory")
+        wanted = "a class, a factory build(context), a registered name or package.module:factory"
+        raise ParameterError(f"{kind}: expected {wanted}, not an object of type {type(part).__name__}")
+    if ":" not in part or part in names(kind):
+        return registered(kind, part)
+    _load(part, f"{kind} {part!r}")
+    return Entry(part, "given as package.module:factory")
+
+
+def registered(kind: Kind, name: str) -> Entry:
+    """The entry of a registered name; nothing is imported.
 
     Raises:
         UnknownNameError: nothing is registered under this name; the message lists what is.
@@ -49,32 +68,31 @@ def find(kind: Kind, name: str) -> Entry:
     if name in TABLES[kind]:  # without asking what is installed
         return TABLES[kind][name]
     table = names(kind)
-    if name in table:
-        return table[name]
-    if ":" in name:
-        _load(name, f"{kind} {name!r}")
-        return Entry(name, _BY_PATH)
-    raise UnknownNameError(f"unknown {kind} {name!r}{did_you_mean(name, table)}; known: {', '.join(sorted(table))}")
+    if name not in table:
+        raise UnknownNameError(f"unknown {kind} {name!r}{did_you_mean(name, table)}; known: {', '.join(sorted(table))}")
+    return table[name]
 
 
-def capabilities(kind: Kind, name: str) -> Capabilities:
+def capabilities(kind: Kind, part: Part) -> Capabilities:
     """What the factory of an algorithm declares (`robocar.core.capabilities`)."""
-    return capabilities_of(_load(find(kind, name).factory, f"{kind} {name!r}"))
+    return capabilities_of(_load(find(kind, part).factory, f"{kind} {part_name(part)!r}"))
 
 
-def build(kind: Kind, name: str, context: Context) -> Any:
-    """The algorithm `name` for this context; None for the mapper `none`.
+def build(kind: Kind, part: Part, context: Context) -> Any:
+    """The algorithm for this context; None for the mapper `none`.
 
     Raises:
         UnknownNameError: see `find`.
         ParameterError: the context's parameters hold a name that none of the algorithm's dataclasses has, or a bad value; or
             somebody else's factory failed, or built something that the loop cannot call.
     """
-    entry = find(kind, name)
-    check_parameters(kind, name, context.parameters)
-    ours = name in TABLES[kind]
-    what = f"{kind} {name!r}"
-    factory, parts = _load(entry.factory, what), [_load(part, what) for part in entry.parts]
+    entry = find(kind, part)
+    check_parameters(kind, part, context.parameters)
+    ours = part in TABLES[kind] if isinstance(part, str) else False
+    what = f"{kind} {part_name(part)!r}"
+    factory, parts = _load(entry.factory, what), [_load(path, what) for path in entry.parts]
+    if not ours:
+        _check_factory(what, factory)
     try:
         built = factory(context, *parts)
     except RobocarError:
@@ -82,7 +100,7 @@ def build(kind: Kind, name: str, context: Context) -> Any:
     except Exception as error:
         if ours:
             raise
-        raise ParameterError(f"{what} cannot be built: {describe(error)}") from error
+        raise ParameterError(f"{what} cannot be built: {describe_with_place(error)}") from error
     if not ours:
         _check_signature(kind, what, built)
     return built
@@ -99,26 +117,28 @@ def parameters(entry: Entry) -> dict[str, Any]:
     }
 
 
-def _declared(factory: str) -> Mapping[str, Sequence[Any]]:
+def _declared(factory: Part) -> Mapping[str, Sequence[Any]]:
     """Parameters of another package's factory: those it declares, else its module's `Parameters` or dataclass called after it."""
-    if declared := capabilities_of(_load(factory, factory)).parameters:
+    path = part_name(factory)
+    if declared := capabilities_of(_load(factory, path)).parameters:
         return declared
-    module = factory.partition(":")[0]
+    module = path.partition(":")[0]
+    home = _import(module, path) if isinstance(factory, str) else sys.modules.get(module)
     called_after = "".join(word.capitalize() for word in module.rpartition(".")[2].split("_")) + "Parameters"
     for name in ("Parameters", called_after):
-        cls = getattr(_import(module, factory), name, None)
+        cls = getattr(home, name, None)
         if isinstance(cls, type) and is_dataclass(cls):
             return {"": (cls,)}
     return {}
 
 
-def check_parameters(kind: Kind, name: str, given: Mapping[str, Any]) -> None:
+def check_parameters(kind: Kind, part: Part, given: Mapping[str, Any]) -> None:
     """Whether an algorithm has all these parameters, nested by part.
 
     Raises:
         ParameterError: it has not; the message says the new name of one that was flat, or the nearest one, and all of them.
     """
-    known = parameters(find(kind, name))
+    known, name = parameters(find(kind, part)), part_name(part)
     if not known and name not in TABLES[kind]:
         return  # a third party's factory without a dataclass of parameters looks at them itself
     for key in _dotted(given):
@@ -152,7 +172,7 @@ def _check_signature(kind: Kind, what: str, built: object) -> None:
     except ValueError:  # of something compiled, which does not say
         return
     except Exception as error:  # of a property
-        raise ParameterError(f"{what}: {type(built).__name__}.{method}: {describe(error)}") from error
+        raise ParameterError(f"{what}: {type(built).__name__}.{method}: {describe_with_place(error)}") from error
     if signature is None:
         raise ParameterError(f"{what}: {type(built).__name__} has no method {wanted}")
     try:
@@ -164,7 +184,23 @@ def _check_signature(kind: Kind, what: str, built: object) -> None:
         raise ParameterError(f"{what}: {type(built).__name__}.{method}{signature} cannot be called; a {kind} needs {wanted}")
 
 
-def _load(path: str, what: str) -> Any:
+def _check_factory(what: str, factory: Any) -> None:
+    """Refuses what cannot be called with the context alone."""
+    try:
+        signature = inspect.signature(factory)
+    except (TypeError, ValueError):  # of something compiled, which does not say
+        return
+    try:
+        signature.bind(None)
+    except TypeError as error:
+        raise ParameterError(
+            f"{what} is called with one argument, the context (robocar.core.Context), and cannot be: {signature}: {error}"
+        ) from error
+
+
+def _load(path: Part, what: str) -> Any:
+    if not isinstance(path, str):
+        return path
     module, _, attribute = path.partition(":")
     found = getattr(_import(module, what), attribute, None)
     if not callable(found):
@@ -178,4 +214,4 @@ def _import(module: str, what: str) -> ModuleType:
     except ModuleNotFoundError as error:
         raise UnknownNameError(f"{what}: there is no module {error.name!r}") from error
     except Exception as error:  # whatever the module does while it is imported
-        raise UnknownNameError(f"{what}: {module!r} cannot be imported: {describe(error)}") from error
+        raise UnknownNameError(f"{what}: {module!r} cannot be imported: {describe_with_place(error)}") from error

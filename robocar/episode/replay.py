@@ -12,12 +12,25 @@ from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
-from robocar.core import SE2, STOP, Belief, Command, Estimator, MapView, OccupancyGrid, ScenarioError, frozen_array
+from robocar.core import (
+    SE2,
+    STOP,
+    Belief,
+    Command,
+    Estimator,
+    MapView,
+    OccupancyGrid,
+    ScenarioError,
+    UnknownNameError,
+    frozen_array,
+)
+from robocar.episode.algorithms import Kind
 from robocar.episode.assembly import Assembly
 from robocar.episode.body import DeadReckoning
 from robocar.episode.checked import CheckedEstimator
+from robocar.episode.given import Part, part_name
 from robocar.episode.outcome import Outcome
-from robocar.episode.registry import find
+from robocar.episode.registry import find, registered
 from robocar.episode.result import RunResult
 from robocar.episode.run import covariances_of
 from robocar.episode.run_directory import RunDirectory
@@ -33,16 +46,16 @@ class ReplayOptions(TypedDict, total=False):
     """What `robocar.episode.replay.replay` takes beside the log and the output.
 
     Args:
-        estimator: its name; for a run by default the one of the run, for a log with poses `odometry`. With the run's own
-            estimator, seed and settings the estimate is the run's, bit by bit.
-        mapper: its name.
+        estimator: its name, or a class or factory; for a run by default the one of the run, for a log with poses `odometry`.
+            With the run's own estimator, seed and settings the estimate is the run's, bit by bit.
+        mapper: the same.
         seed: of the estimator's random numbers; by default the run's, or 0.
         settings: parameters, e.g. `{"estimator.max_particles": 400}`.
         subject: number of the robot, for an MRCLAM folder; by default its first.
     """
 
-    estimator: str | None
-    mapper: str
+    estimator: Part | None
+    mapper: Part
     seed: int | None
     settings: Mapping[str, Any] | None
     subject: int | None
@@ -93,23 +106,17 @@ def replay(
 def _spec(
     tape: Tape,
     source: str | Path,
-    estimator: str | None = None,
-    mapper: str = "none",
+    estimator: Part | None = None,
+    mapper: Part = "none",
     seed: int | None = None,
     settings: Mapping[str, Any] | None = None,
     subject: int | None = None,
 ) -> RunSpec:
     """What is run over the tape, which is that of the subject."""
-    # A log that holds poses (CARMEN) needs nobody to estimate them.
-    name = estimator or tape.estimator or ("odometry" if tape.steps and tape.steps[0][0].odom_pose is not None else None)
-    if name is None:
-        raise ScenarioError(f"{source}: a log does not say which estimator to run; give --estimator")
-    if estimator is None and ":" in name:
-        raise ScenarioError(
-            f"{source}: the run's estimator is {name}, and a recorded configuration runs no code: give --estimator"
-        )
-    find("estimator", name)
+    chosen = _estimator_of(tape, source) if estimator is None else estimator
+    find("estimator", chosen)
     find("mapper", mapper)
+    name = part_name(chosen)
     given = flat(settings or {})
     others, parameters = split_overrides(given)
     if others or parameters["navigator"]:
@@ -120,7 +127,31 @@ def _spec(
         given = {**own, **given}
         parameters = split_overrides(given)[1]
     number = checked_seed(tape.seed if seed is None else seed)
-    return RunSpec(tape.scenario, "replay", name, mapper, number, given, parameters)
+    handed: dict[Kind, Part] = {"estimator": chosen, "mapper": mapper}
+    names = name, part_name(mapper)
+    return RunSpec(tape.scenario, "replay", *names, number, given, parameters, handed, log=tape.digest)
+
+
+def _estimator_of(tape: Tape, source: str | Path) -> str:
+    """The estimator that a run was made with. What a file names is never imported: only what is registered is found by name.
+
+    Raises:
+        ScenarioError: a log does not say, or a file names code.
+        UnknownNameError: nothing is registered under this name.
+    """
+    # A log that holds poses (CARMEN) needs nobody to estimate them.
+    name = tape.estimator or ("odometry" if tape.steps and tape.steps[0][0].odom_pose is not None else None)
+    if name is None:
+        raise ScenarioError(f"{source}: a log does not say which estimator to run; give --estimator")
+    try:
+        registered("estimator", name)
+    except UnknownNameError as error:
+        if ":" not in name:
+            raise
+        raise ScenarioError(
+            f"{source}: the run's estimator is {name}, and a recorded configuration runs no code: give --estimator"
+        ) from error
+    return name
 
 
 @dataclass(slots=True, eq=False)
@@ -192,6 +223,8 @@ def _result(tape: Tape, spec: RunSpec, played: _Played, grid: OccupancyGrid | No
         estimate=Trajectory(frozen_array(times), frozen_array(estimate)),
         odometry=Trajectory(frozen_array(times), frozen_array(odometry)),
         traceback=played.traceback,
+        name=spec.label,
+        settings=spec.settings,
     )
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,6 +36,7 @@ class RunResult:
         directory: where the files are, None if none were asked for.
         traceback: of a part that raised, else empty.
         notes: on the scenario's files: what is legal but probably not meant.
+        name: of the run, which no other one has, see `robocar.episode.identity`; settings: that it was run with.
     """
 
     scenario: str
@@ -53,6 +55,8 @@ class RunResult:
     directory: Path | None = None
     traceback: str = ""
     notes: tuple[str, ...] = ()
+    name: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def success(self) -> bool:

@@ -205,6 +205,8 @@ class _Subject:
             efforts=tuple(judge.efforts),
             traceback=judge.traceback,
             notes=self.scene.notes,
+            name=self.spec.label,
+            settings=self.spec.settings,
         )
 
     def _tracks(self, ticks: list[Tick]) -> dict[str, Track]:

@@ -66,7 +66,8 @@ class RunDirectory:
         from robocar.recording import RerunRecorder  # takes most of a second to import
 
         properties = {**subject, **self.spec.parts, "seed": self.spec.seed}
-        return RerunRecorder(self.path / "run.rrd", run_id=self.name, scenery=scenery, live=live, properties=properties)
+        run_id = self.spec.recording_id
+        return RerunRecorder(self.path / "run.rrd", run_id=run_id, scenery=scenery, live=live, properties=properties)
 
     def file(self, result: RunResult, grid: OccupancyGrid | None) -> RunResult:
         """Writes a finished run, with the map that it drew, and gives the directory its name; the result that knows where it is.
@@ -102,6 +103,7 @@ def _config(spec: RunSpec) -> dict[str, object]:
         **spec.parts,
         "seed": spec.seed,
         "settings": json.loads(json.dumps(dict(spec.settings), default=str)),  # whatever Python was handed, YAML can hold
+        "digest": spec.digest,
         "versions": versions(),
         "fingerprint": fingerprint(),
     }

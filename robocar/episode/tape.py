@@ -25,6 +25,7 @@ from robocar.core import (
 )
 from robocar.core.text import describe
 from robocar.core.truth import GroundTruth
+from robocar.episode.identity import digest, path_digest, scenario_digest
 from robocar.formats import Trajectory
 from robocar.formats.load_log import is_log, load_log, refuse_subject
 from robocar.formats.log import Log
@@ -44,6 +45,7 @@ class Tape:
         steps: observations, each with the command that followed.
         scene: the world, where it is known.
         seed, settings, estimator: of the run that it was.
+        digest: of all that it holds, see `robocar.episode.identity`.
     """
 
     steps: tuple[tuple[Observation, Command], ...]
@@ -56,6 +58,7 @@ class Tape:
     seed: int = 0
     settings: Mapping[str, Any] | None = None
     estimator: str | None = None
+    digest: str = ""
 
     @property
     def summary(self) -> str:
@@ -108,12 +111,13 @@ def _log_tape(log: Log, subject: int | None) -> Tape:
         lidar=next((_laser(o.lidar) for o in log.observations if o.lidar is not None), None),
         camera=bool(log.landmarks),
     )
-    name = log.path.name.partition(".")[0] or "log"
+    name = log.path.stem or "log"
     if subject is not None:
         name = f"{name}-robot-{subject}"
     # Nothing but the name matters of it: where the run directory is named and described, a scenario is asked for.
     scenario = Scenario(name=name, description=f"{log.kind} log", map="none", prior="none", start=(0.0, 0.0, 0.0))
-    return Tape(tuple((o, Hold()) for o in log.observations), robot, log, None, _CONTROL_PERIOD, scenario)
+    steps = tuple((o, Hold()) for o in log.observations)
+    return Tape(steps, robot, log, None, _CONTROL_PERIOD, scenario, digest=path_digest(log.path))
 
 
 def _laser(scan: Scan) -> RangeSensor:
@@ -144,7 +148,9 @@ def _run_tape(folder: Path) -> Tape:
     start = scene.start if scenario.start_known else None
     log = Log(folder, "run", tuple(o for o, _ in steps), scene.landmarks, Trajectory(times, poses), start)
     period = scenario.robot.physics.control_period
-    return Tape(steps, robot, log, scene.prior, period, scenario, scene, seed, settings, estimator)
+    made = {key: config.get(key) for key in ("navigator", "estimator", "mapper", "seed", "settings", "digest")}
+    which = digest(scenario_digest(scenario), made, times, poses)
+    return Tape(steps, robot, log, scene.prior, period, scenario, scene, seed, settings, estimator, which)
 
 
 def truth_at(truth: Trajectory | None, times: list[float]) -> Array | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from robocar.core.text import markdown_cell
 from robocar.metrics import Declaration, Tolerance, declared
 
 _INTRODUCTION = """# Metrics
@@ -45,7 +46,7 @@ def _line(declaration: Declaration) -> str:
     clock = " (wall clock)" if declaration.wall_clock else ""
     cells = [f"`{declaration.name}`", declaration.unit, better, _margins(tolerance, declaration.unit), needs]
     cells.append(declaration.summary + clock)
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n"
+    return "| " + " | ".join(map(markdown_cell, cells)) + " |\n"
 
 
 def _margins(tolerance: Tolerance, unit: str) -> str:

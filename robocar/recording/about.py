@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from robocar.core.text import markdown_text, printable
+
 LEGEND = """
 | colour | meaning |
 |---|---|
@@ -30,7 +32,7 @@ def flat(result: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any
             else:
                 yield from flat(value, "" if key == "metrics" else f"{name}/")
         elif isinstance(value, bool | int | float | str):
-            yield name, value
+            yield printable(name), printable(value) if isinstance(value, str) else value
 
 
 def page(properties: Mapping[str, Any], result: Mapping[str, Any] | None) -> str:
@@ -38,14 +40,17 @@ def page(properties: Mapping[str, Any], result: Mapping[str, Any] | None) -> str
     metrics = dict((result or {}).get("metrics", {}))
     facts = dict(flat(properties)) | dict(flat({k: v for k, v in (result or {}).items() if k != "metrics"}))
     shown = [str(facts[name]) for name in ("scenario", "navigator", "estimator", "mapper", "status", "reason") if facts.get(name)]
-    lines = [f"**{' · '.join(shown)}**", LEGEND] if shown else [LEGEND]
+    lines = [f"**{' · '.join(map(markdown_text, shown))}**", LEGEND] if shown else [LEGEND]
     if metrics:
         values = dict(flat(metrics))
         units = {name: metric.get("unit") or "" for name, metric in metrics.items() if isinstance(metric, Mapping)}
         lines += ["| metric | |", "|---|---|"]
-        lines += [f"| {name} | {_text(value)} {units.get(name, '')} |" for name, value in values.items()]
+        lines += [
+            f"| {markdown_text(name)} | {_text(value)} {markdown_text(str(units.get(name, '')))} |"
+            for name, value in values.items()
+        ]
     return "\n".join(lines)
 
 
 def _text(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    return f"{value:.4g}" if isinstance(value, float) else markdown_text(str(value))

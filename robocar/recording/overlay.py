@@ -13,6 +13,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from robocar.core import Array, Footprint
+from robocar.core.text import markdown_text, printable
 from robocar.recording import columns, drawing, palette
 from robocar.recording.blueprint import everything_until_now, from_above
 from robocar.recording.scenery import Scenery
@@ -66,13 +67,13 @@ def write_overlay(
         "world/divergence",
         rr.LineStrips3D([ring], colors=[palette.rgba32(palette.GOAL)], radii=rr.Radius.ui_points(2.0)),
     )
-    page = f"""# {title}
+    page = f"""# {markdown_text(title)}
 
 At tick {tick}, {time:.3f} s, inside the red ring.
 
 * green: the way that they have in common
-* orange: {base.label}
-* blue: {new.label}
+* orange: {markdown_text(base.label)}
+* blue: {markdown_text(new.label)}
 
 Timeline `{SINCE}` begins there; `sim_time` and `tick` have it all.
 """
@@ -89,7 +90,7 @@ def _log_side(stream: Streams, name: str, side: Side, footprint: Footprint, tick
     stream.log(f"world/{name}/footprint", rr.LineStrips3D([outline], colors=[color], radii=thick))
     stream.log(f"world/{name}/path", rr.LineStrips3D.from_fields(colors=[color], radii=thin))
     stream.log(f"world/{name}/path", rr.CoordinateFrame(drawing.WORLD_FRAME))
-    stream.log(f"signals/speed/{name}", rr.SeriesLines(colors=[color], names=side.label))
+    stream.log(f"signals/speed/{name}", rr.SeriesLines(colors=[color], names=printable(side.label)))
     n = len(side.times)
     corners = drawing.raised(side.poses[:, :2], drawing.PLAN_LAYER)
     pieces = np.stack([corners[:-1], corners[1:]], axis=1)

@@ -33,6 +33,7 @@ from robocar.core import (
     State,
 )
 from robocar.core.observation import USUAL_SENSORS
+from robocar.core.text import printable
 from robocar.core.trace import Circles, Drawable, Points, Scalar, Text, Trace
 from robocar.core.truth import GroundTruth
 from robocar.core.work import total
@@ -191,7 +192,7 @@ class RerunRecorder:
     def _command(self, command: Command) -> None:
         match command:
             case Serial(line):
-                self._log("log/serial", rr.TextLog(f"> {line}", level="INFO"))
+                self._log("log/serial", _text(f"> {line}", "INFO"))
             case Done(reason):
                 self._status(f"done: {reason}", "INFO")
             case GiveUp(reason, status):
@@ -199,7 +200,7 @@ class RerunRecorder:
 
     def _sensors(self, observation: Observation) -> None:
         for line in observation.serial:
-            self._log("log/serial", rr.TextLog(f"< {line}", level="ERROR" if line.startswith("ERR") else "INFO"))
+            self._log("log/serial", _text(f"< {line}", "ERROR" if line.startswith("ERR") else "INFO"))
         if observation.landmarks:
             self._log("world/robot/detections", drawing.detections(observation.landmarks))
         for sensor, reading in observation.readings.items():
@@ -299,7 +300,7 @@ class RerunRecorder:
         self._buffer(f"signals/{name}", columns.scalars).append(self._tick, self._time, value)
 
     def _status(self, message: str, level: str) -> None:
-        self._log("log/status", rr.TextLog(message, level=level))
+        self._log("log/status", _text(message, level))
 
     def _buffer(self, entity: str, build: columns.Builder) -> Buffer:
         buffer = self._buffers.get(entity)
@@ -344,6 +345,10 @@ class RerunRecorder:
             raise
         if failed:
             raise failed[0]
+
+
+def _text(message: str, level: str) -> rr.TextLog:
+    return rr.TextLog(printable(message), level=printable(level))
 
 
 _ECHO, _NO_ECHO = palette.rgba32(palette.ECHO), palette.rgba32(palette.NO_ECHO)

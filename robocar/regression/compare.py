@@ -212,7 +212,8 @@ def _pair(base: Sequence[Row], new: Sequence[Row]) -> tuple[list[Pair], list[Row
     for key in sorted(old.keys() | now.keys(), key=str):
         before, after = list(old.get(key, [])), list(now.get(key, []))
         for row in list(after):
-            same = next((one for one in before if one.settings == row.settings), None)
+            alike = [one for one in before if one.settings == row.settings]
+            same = next((one for one in alike if one.name == row.name), alike[0] if alike else None)
             if same is not None:
                 pairs.append(Pair(same, row))
                 before.remove(same)

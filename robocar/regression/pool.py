@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import re
 import shutil
+import signal
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -13,6 +15,7 @@ from concurrent.futures import TimeoutError as FutureTimeoutError
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from multiprocessing import resource_tracker
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, Protocol
@@ -24,6 +27,7 @@ CONNECT_TIMEOUT = 3.0
 """How long a scheduler may take to answer [s]."""
 
 
+_ADDRESS = re.compile(r"(tcp|tls|ws|wss)://(\[[0-9a-fA-F:.%]+\]|[^\s:/\[\]]+):[0-9]{1,5}")
 MOST_STARTS = 5
 """How often a process that is killed before it has begun with a job is replaced."""
 
@@ -109,6 +113,7 @@ class LocalWorkers:
         return outcome
 
     def _serve(self, slot: _Slot) -> None:
+        set_deaf()
         while (item := self._jobs.get()) is not None:
             job, outcome = item
             try:
@@ -148,6 +153,8 @@ class DaskWorkers:
             from distributed import Client
         except ImportError as error:
             raise RobocarError("--scheduler needs Dask: pip install 'robocar[cluster]'") from error
+        if not _ADDRESS.fullmatch(address):
+            raise RobocarError(f"--scheduler: expected the address of a Dask scheduler, tcp://HOST:PORT, not {address!r}")
         try:
             # Keeps Dask's own heartbeat and connection warnings away from the terminal.
             self._client = Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)  # type: ignore[no-untyped-call]
@@ -196,6 +203,14 @@ def workers(jobs: int | None = None, scheduler: str | None = None) -> Iterator[W
 def usable_cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def set_deaf(deaf: bool = True) -> None:
+    """Ctrl-C reaches every process of a terminal. What is started from this thread from now on inherits that it does not hear it,
+    from its first instruction on: the process that starts it hears it, and ends it."""
+    if hasattr(signal, "pthread_sigmask"):  # Windows has none
+        resource_tracker.ensure_running()  # which would let this thread hear again, when the first process is started
+        signal.pthread_sigmask(signal.SIG_BLOCK if deaf else signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 def _process_pool() -> Any:

@@ -6,7 +6,6 @@ runs whose test failed are kept and their paths printed. Nothing of Robocar is i
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping
@@ -23,7 +22,6 @@ UPDATE, RECORDINGS, BASELINES = "--robocar-update", "--robocar-recordings", "rob
 KEPT = "robocar-recordings"
 """Folder of the kept recordings, in the root of the tests."""
 _USED = pytest.StashKey[list[Path]]()
-_FAILED = pytest.StashKey[bool]()
 _NOTES = pytest.StashKey[list[str]]()
 
 
@@ -40,7 +38,25 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    config.stash[_NOTES] = []
+    config.pluginmanager.register(_Notes(), "robocar-notes")
+
+
+class _Notes:
+    """What the tests have to say, at the end. It comes with their reports, as what workers of xdist have to say does."""
+
+    def __init__(self) -> None:
+        self._lines: list[str] = []
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self._lines += getattr(report, "robocar_notes", [])
+
+    def pytest_terminal_summary(self, terminalreporter: Any) -> None:
+        if self._lines:
+            terminalreporter.section("robocar")
+            from robocar.core.text import printable
+
+            for line in dict.fromkeys(self._lines):
+                terminalreporter.line(printable(line))
 
 
 class PhysicsRun(Protocol):
@@ -58,7 +74,7 @@ class PhysicsRun(Protocol):
         """
         Args:
             scenario: name, file or mapping, as for `robocar.run`.
-            navigator, estimator, mapper: registered name, `package.module:factory`, or the factory itself.
+            navigator, estimator, mapper: registered name, `package.module:factory`, or the class or factory itself.
             settings: as `robocar run --set`.
         """
         ...
@@ -99,8 +115,7 @@ def physics_run(_robocar_runs: _Runs, request: pytest.FixtureRequest) -> Physics
         settings: Mapping[str, Any] | None = None,
     ) -> RunResult:
         parts = {"navigator": navigator, "estimator": estimator, "mapper": mapper}
-        names = {kind: None if part is None else _name(part) for kind, part in parts.items()}
-        result = _robocar_runs.run(scenario, names, seed, settings or {})
+        result = _robocar_runs.run(scenario, parts, seed, settings or {})
         if result.recording is not None and result.recording not in used:
             used.append(result.recording)
         return result
@@ -109,14 +124,15 @@ def physics_run(_robocar_runs: _Runs, request: pytest.FixtureRequest) -> Physics
 
 
 @pytest.fixture
-def assert_no_regression(pytestconfig: pytest.Config) -> AssertNoRegression:
+def assert_no_regression(pytestconfig: pytest.Config, request: pytest.FixtureRequest) -> AssertNoRegression:
     """Compares a run with its baseline in the repository; `pytest --robocar-update` writes the baselines."""
     folder = pytestconfig.rootpath / str(pytestconfig.getini(BASELINES))
-    notes = pytestconfig.stash[_NOTES]
+    notes = request.node.stash.setdefault(_NOTES, [])
 
     def check(run: RunResult, *, exact: bool = True, tolerances: Mapping[str, Mapping[str, object]] | None = None) -> None:
         __tracebackhide__ = True
         from robocar.core import RobocarError
+        from robocar.core.text import printable
         from robocar.regression import judgement
         from robocar.regression.baseline import read_baseline, write_baseline
         from robocar.regression.compare import compare
@@ -139,76 +155,52 @@ def assert_no_regression(pytestconfig: pytest.Config) -> AssertNoRegression:
             table = judgement.tolerances(tolerances)
             found = compare(read_baseline(path), Results(path, (row,), units), table, exact=exact)
         except RobocarError as error:
-            pytest.fail(str(error), pytrace=False)
+            pytest.fail(printable(str(error)), pytrace=False)
         if found.failures:
-            text = f"{row.name} is not what its baseline says\n{comparison_text(found)}"
+            text = printable(f"{row.name} is not what its baseline says\n{comparison_text(found)}")
             pytest.fail(f"{text}\nif this is meant: pytest {UPDATE}, and commit {_short(path, pytestconfig)}", pytrace=False)
 
     return check
 
 
 class _Runs:
-    """The runs of a session, by configuration."""
+    """The runs of a session, by their names: no two different ones share one."""
 
     def __init__(self, folder: Path, record: bool) -> None:
         self._folder, self._record = folder, record
         self._known: dict[str, RunResult] = {}
 
-    def run(self, scenario: Any, names: Mapping[str, str | None], seed: int, settings: Mapping[str, Any]) -> RunResult:
+    def run(self, scenario: Any, parts: Mapping[str, Any], seed: int, settings: Mapping[str, Any]) -> RunResult:
         from robocar.episode.run import run
-        from robocar.scenario.load import load_scenario
-        from robocar.scenario.settings import split_overrides
+        from robocar.episode.spec import RunSpec
 
-        loaded = load_scenario(scenario, split_overrides(settings)[0])
-        key = json.dumps(
-            [loaded.model_dump(mode="json"), str(loaded.folder), dict(names), seed, dict(settings)], sort_keys=True, default=str
-        )
-        if key not in self._known:
-            # Runs of equal names need not be equal: mappings without a name, edited files.
+        options: Any = {**parts, "seed": seed, "settings": settings}
+        which = RunSpec.of(scenario, **options).recording_id
+        if which not in self._known:
+            # A scenario that comes with Robocar may be edited during a session, and keeps its name.
             out = self._folder / str(len(self._known))
-            self._known[key] = run(
-                scenario,
-                navigator=names["navigator"],
-                estimator=names["estimator"],
-                mapper=names["mapper"],
-                seed=seed,
-                settings=settings,
-                out=out,
-                record=self._record,
-            )
-        return self._known[key]
-
-
-def _name(part: str | Callable[..., Any]) -> str:
-    """A factory by its place, under which any process finds it."""
-    if isinstance(part, str):
-        return part
-    module, name = getattr(part, "__module__", None), getattr(part, "__qualname__", "")
-    if not module or not name.isidentifier():
-        raise TypeError(f"{part!r} must be a function or class at the top of a module, or `package.module:factory`")
-    return f"{module}:{name}"
+            self._known[which] = run(scenario, **options, out=out, record=self._record)
+        return self._known[which]
 
 
 def _row(run: RunResult) -> Row:
     from robocar.episode.fingerprint import fingerprint, versions
-    from robocar.regression.results import Row, read_run
+    from robocar.regression.results import Row, read_run, settings_text
 
     if run.directory is not None:
         return read_run(run.directory)
-    from robocar.episode.spec import run_name
-
-    parts = {"navigator": run.navigator, "estimator": run.estimator, "mapper": run.mapper}
+    if not run.name:
+        pytest.fail(f"{run.navigator} has no name that a baseline could be kept under; write files (out=...) to be told why")
     metrics = {name: None if metric["value"] is None else float(metric["value"]) for name, metric in run.metrics.items()}
-    name = run_name(run.scenario, parts, run.seed, {})
+    parts = {"navigator": run.navigator, "estimator": run.estimator, "mapper": run.mapper}
     facts = {"status": run.status, "reason": run.reason, "hash": run.hash, "fingerprint": fingerprint(), "versions": versions()}
-    return Row(name, run.scenario, seed=run.seed, settings="{}", metrics=metrics, **parts, **facts)  # type: ignore[arg-type]
+    text = settings_text(run.settings)
+    return Row(run.name, run.scenario, seed=run.seed, settings=text, metrics=metrics, **parts, **facts)  # type: ignore[arg-type]
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Iterator[None]:
     report = yield
-    if report.failed:
-        item.stash[_FAILED] = True
     keep = item.config.getoption(RECORDINGS)
     used = item.stash.get(_USED, [])
     # Before the session's folder is removed, after the test has said all that it has to say.
@@ -217,16 +209,11 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
         if lines and report.failed:
             report.sections.append(("recordings of this test (open with: robocar view FILE)", "\n".join(lines)))
         elif lines:
-            item.config.stash[_NOTES].extend(f"recording: {line}" for line in lines)
+            item.stash.setdefault(_NOTES, []).extend(f"recording: {line}" for line in lines)
+    if notes := item.stash.get(_NOTES, []):
+        report.robocar_notes = list(notes)
+        notes.clear()
     return report  # type: ignore[return-value]
-
-
-def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
-    notes = list(dict.fromkeys(config.stash.get(_NOTES, [])))
-    if notes:
-        terminalreporter.section("robocar")
-        for note in notes:
-            terminalreporter.line(note)
 
 
 def _keep(recording: Path, root: Path) -> Path:

@@ -7,7 +7,6 @@ import io
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from html import escape
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -15,6 +14,7 @@ from urllib.parse import quote
 import numpy as np
 
 from robocar.core import LogFormatError, OccupancyGrid, OutputError, RobocarError
+from robocar.core.text import figure_text, html_text
 from robocar.formats import Trajectory, read_tum
 from robocar.formats.files import write_atomically
 from robocar.regression.results import Results, Row, grouped, read_config, read_results
@@ -51,8 +51,8 @@ def write_report(folder: str | Path, out: str | Path | None = None) -> Path:
     results = read_results(folder)
     title = str(results.sweep.get("suite", folder.resolve().name))
     parts = [
-        f"<h1>{escape(title)}</h1>",
-        f'<p class="note">{escape(str(results.sweep.get("description", "")))}</p>',
+        f"<h1>{html_text(title)}</h1>",
+        f'<p class="note">{html_text(str(results.sweep.get("description", "")))}</p>',
         f'<p class="note">{_provenance(results)}</p>',
         _skipped(results),
         "<h2>Navigators</h2>",
@@ -69,7 +69,7 @@ def write_report(folder: str | Path, out: str | Path | None = None) -> Path:
         _runs_table(results, path.resolve().parent),
     ]
     page = f"""<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>
+<html lang="en"><head><meta charset="utf-8"><title>{html_text(title)}</title>
 <meta name="viewport" content="width=device-width, initial-scale=1"><style>{_STYLE}</style></head>
 <body>
 {chr(10).join(parts)}
@@ -86,22 +86,31 @@ def write_report(folder: str | Path, out: str | Path | None = None) -> Path:
 def _provenance(results: Results) -> str:
     prints = sorted({row.fingerprint for row in results.rows if row.fingerprint})
     versions = {f"{name} {version}" for row in results.rows for name, version in row.versions.items()}
-    return escape(f"{len(results.rows)} runs; fingerprints: {', '.join(prints) or 'none'}; {', '.join(sorted(versions))}")
+    return html_text(f"{len(results.rows)} runs; fingerprints: {', '.join(prints) or 'none'}; {', '.join(sorted(versions))}")
 
 
 def _skipped(results: Results) -> str:
     if not results.skipped:
         return ""
-    items = "".join(f"<li>{escape(text)}</li>" for text in results.skipped)
+    items = "".join(f"<li>{html_text(text)}</li>" for text in results.skipped)
     return f'<p class="failed">{len(results.skipped)} entries of the folder are no runs:</p><ul>{items}</ul>'
 
 
+class Html(str):
+    """A text that is HTML already."""
+
+
+def _address(file: Path, home: Path) -> str:
+    return quote(os.path.relpath(file, home), errors="surrogateescape")
+
+
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]], names: int, label: str) -> str:
-    """Cells are HTML; the first `names` columns are texts."""
+    """Cells are texts, or `Html`; the first `names` columns are set to the left."""
 
     def row(cells: Sequence[str], tag: str) -> str:
         marks = [' class="name"' if i < names else "" for i in range(len(cells))]
-        return "<tr>" + "".join(f"<{tag}{mark}>{cell}</{tag}>" for mark, cell in zip(marks, cells, strict=True)) + "</tr>"
+        shown = [cell if isinstance(cell, Html) else html_text(cell) for cell in cells]
+        return "<tr>" + "".join(f"<{tag}{mark}>{cell}</{tag}>" for mark, cell in zip(marks, shown, strict=True)) + "</tr>"
 
     body = "".join(row(cells, "td") for cells in rows)
     return f'<div class="wide"><table id="{label}"><thead>{row(head, "th")}</thead><tbody>{body}</tbody></table></div>'
@@ -112,7 +121,7 @@ def _summary_table(results: Results, keys: Sequence[str]) -> str:
     head = [*keys, "runs", "success", *(f"{name}{units.get(name, '')}" for name in COLUMNS), "errors"]
     rows = [
         [
-            *map(escape, line.group),
+            *line.group,
             str(line.runs),
             interval(line.success, ".2f"),
             *(interval(line.metrics[name]) for name in COLUMNS),
@@ -129,11 +138,11 @@ def _runs_table(results: Results, home: Path) -> str:
     rows = []
     for row in results.rows:
         recording = results.source.resolve() / row.name / "run.rrd"
-        link = f'<a href="{quote(os.path.relpath(recording, home))}">run.rrd</a>' if recording.is_file() else "–"
+        link = Html(f'<a href="{_address(recording, home)}">run.rrd</a>') if recording.is_file() else "–"
         values = [row.metrics.get(name) for name in COLUMNS]
         cells = ["–" if value is None else f"{value:.4g}" for value in values]
-        state = f'<span class="{"success" if row.success else "failed"}">{escape(row.status)}</span>'
-        rows.append([escape(row.name), state, *cells, link, escape(row.reason)])
+        state = Html(f'<span class="{"success" if row.success else "failed"}">{html_text(row.status)}</span>')
+        rows.append([row.name, state, *cells, link, row.reason])
     return _table(head, rows, 2, "runs")
 
 
@@ -150,8 +159,8 @@ def _matrix(rows: Sequence[Row]) -> str:
                 shares[i, j] = sum(row.success for row in members) / len(members)
     with _figure((2.5 + 1.1 * len(navigators), 1.2 + 0.36 * len(scenarios))) as (figure, axes):
         image = axes.imshow(shares, cmap="RdYlGn", vmin=0.0, vmax=1.0, aspect="auto", alpha=0.6)
-        axes.set_xticks(range(len(navigators)), navigators, rotation=30, ha="right")
-        axes.set_yticks(range(len(scenarios)), scenarios)
+        axes.set_xticks(range(len(navigators)), map(figure_text, navigators), rotation=30, ha="right")
+        axes.set_yticks(range(len(scenarios)), map(figure_text, scenarios))
         for i, j in np.argwhere(np.isfinite(shares)):
             members = groups[scenarios[i], navigators[j]]
             axes.text(j, i, f"{sum(row.success for row in members)}/{len(members)}", ha="center", va="center", fontsize=9)
@@ -171,9 +180,9 @@ def _boxes(results: Results) -> str:
         if not any(values):
             continue
         with _figure((4.6, 0.9 + 0.36 * len(groups))) as (figure, axes):
-            axes.boxplot(values, orientation="horizontal", tick_labels=[name for (name,) in groups], widths=0.6)
+            axes.boxplot(values, orientation="horizontal", tick_labels=[figure_text(name) for (name,) in groups], widths=0.6)
             unit = results.units.get(metric, "")
-            axes.set_xlabel(metric + (f" [{unit}]" if unit not in ("", "1") else ""))
+            axes.set_xlabel(figure_text(metric + (f" [{unit}]" if unit not in ("", "1") else "")))
             axes.invert_yaxis()
             found.append(f"<figure>{_svg(figure, f'box plot of {metric}')}</figure>")
     return "".join(found)
@@ -199,13 +208,13 @@ def _maps(folder: Path, results: Results) -> Iterator[str]:
                 axes.plot(x, y, color=colors[row.navigator], lw=1.0, alpha=0.8, zorder=2)
                 axes.plot(x[-1], y[-1], marker="o" if row.success else "x", color=colors[row.navigator], ms=5, zorder=3)
             for name in sorted({row.navigator for row, _ in ways}):
-                axes.plot([], [], color=colors[name], label=name)
+                axes.plot([], [], color=colors[name], label=figure_text(name))
             axes.set_aspect("equal")
             axes.set_xlabel("x [m]")
             axes.set_ylabel("y [m]")
             axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3, frameon=False)
             caption = f"{scenario}: {len(ways)} runs; a dot where the goal was reached, a cross where not"
-            yield f"<figure>{_png(figure, f'ways of {scenario}')}<figcaption>{escape(caption)}</figcaption></figure>"
+            yield f"<figure>{_png(figure, f'ways of {scenario}')}<figcaption>{html_text(caption)}</figcaption></figure>"
     if len(scenarios) > MOST_MAPS:
         yield f'<p class="note">{len(scenarios) - MOST_MAPS} more scenarios are not drawn.</p>'
 
@@ -266,10 +275,10 @@ def _svg(figure: Any, what: str) -> str:
     figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     drawing = text.getvalue()
     drawing = drawing[drawing.index("<svg") :]
-    return drawing.replace("<svg", f'<svg role="img" aria-label="{escape(what)}"', 1)
+    return drawing.replace("<svg", f'<svg role="img" aria-label="{html_text(what)}"', 1)
 
 
 def _png(figure: Any, what: str) -> str:
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=110)
-    return f'<img alt="{escape(what)}" src="data:image/png;base64,{base64.b64encode(data.getvalue()).decode()}">'
+    return f'<img alt="{html_text(what)}" src="data:image/png;base64,{base64.b64encode(data.getvalue()).decode()}">'

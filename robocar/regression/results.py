@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from robocar.core import LogFormatError, OutputError
-from robocar.core.text import shown
+from robocar.core.text import csv_cell, shown
 from robocar.reading import parse_json, read_json, read_yaml
 
 SCHEMA = 1
@@ -27,7 +27,7 @@ class Row:
     """One run.
 
     Args:
-        name: of its directory.
+        name: of its directory, which is its identity.
         settings: the overrides it was run with, as JSON with sorted keys.
         hash, fingerprint: None where the run was lost.
         versions: of Python and of packages; empty where nobody wrote them down.
@@ -144,8 +144,13 @@ def _row(path: Path) -> tuple[Row, dict[str, str]]:
         seed, versions = seed_of(content["seed"]), dict(content.get("versions", {}))
     except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise _NotARun(f"metrics.json is damaged ({type(error).__name__}: {error})") from error
-    text = json.dumps(config.get("settings") or {}, sort_keys=True, default=str)
+    text = settings_text(config.get("settings") or {})
     return Row(path.name, seed=seed, settings=text, metrics=metrics, versions=versions, **facts, **hashes), units  # type: ignore[arg-type]
+
+
+def settings_text(settings: Mapping[str, Any]) -> str:
+    """JSON with sorted keys: equal settings are equal texts."""
+    return json.dumps(dict(settings), sort_keys=True, default=str)
 
 
 def seed_of(value: Any) -> int:
@@ -252,9 +257,11 @@ def write_csv(results: Results, path: str | Path) -> Path:
     try:
         with Path(path).open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
-            writer.writerow([*FACTS, *(f"{name} [{unit}]" for name, unit in results.units.items())])
+            heads = [*FACTS, *(f"{name} [{unit}]" for name, unit in results.units.items())]
+            writer.writerow(map(csv_cell, heads))
             for row in results.rows:
-                writer.writerow([*(getattr(row, name) for name in FACTS), *(row.metrics.get(name) for name in results.units)])
+                cells = [*(getattr(row, name) for name in FACTS), *(row.metrics.get(name) for name in results.units)]
+                writer.writerow(map(csv_cell, cells))
     except OSError as error:
         raise OutputError(f"{path}: cannot write: {error.strerror or error}") from error
     return Path(path)

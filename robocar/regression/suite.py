@@ -13,14 +13,15 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from robocar.core import ParameterError, RobocarError, ScenarioError, UnknownNameError
 from robocar.core.suggestions import did_you_mean
-from robocar.episode.registry import check_parameters, find
-from robocar.episode.spec import run_name
+from robocar.episode.identity import World
+from robocar.episode.registry import check_parameters, find, registered
 from robocar.metrics import Tolerance
 from robocar.paths import MODELS
 from robocar.regression.judgement import tolerances
+from robocar.regression.results import settings_text
 from robocar.scenario.load import find_scenario, load_scenario
 from robocar.scenario.model import Scenario
-from robocar.scenario.settings import COMPONENTS, split_overrides
+from robocar.scenario.settings import COMPONENTS, flat, split_overrides
 from robocar.validation import read_mapping, validated
 
 MOST_SEEDS = 10_000
@@ -104,6 +105,11 @@ class Case:
     mapper: str
     seed: int
     settings: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """By what tables tell it from others."""
+        return self.scenario_name, self.navigator, self.estimator, self.mapper, self.seed, settings_text(self.settings)
 
     def arguments(self) -> dict[str, Any]:
         """What `robocar.run` is called with."""
@@ -197,8 +203,8 @@ class _Check:
         self, suite: SuiteModel, block: Block, number: int, navigators: Sequence[str], seeds: Sequence[int]
     ) -> Iterator[Case]:
         where = f"runs.{number}"
-        settings = {**suite.settings, **block.settings}
         try:
+            settings = flat({**suite.settings, **block.settings})
             scenario_settings, given = split_overrides(settings)
         except ScenarioError as error:
             self.errors.append(f"{where}.settings: {error}")
@@ -213,21 +219,21 @@ class _Check:
             found = self._scenario(scenario, scenario_settings, where)
             if found is None:
                 continue
-            source, loaded = found
+            source, loaded, world = found
             defaults = {kind: [getattr(loaded.defaults, kind)] for kind in COMPONENTS}
             choices = [defaults[kind] if chosen[kind] is None else good[kind] for kind in COMPONENTS]
             for kind, choice in zip(COMPONENTS, choices, strict=True):
                 self._parameters(kind, choice, given[kind], where)
             for (navigator, estimator, mapper), seed in product(product(*choices), seeds or block.seeds):
                 parts = {"navigator": navigator, "estimator": estimator, "mapper": mapper}
-                name = run_name(loaded.name, parts, seed, settings)
+                name = world.run_name(parts, seed, settings)
                 yield Case(name, source, loaded.name, seed=seed, settings=settings, **parts)
 
     def duplicates(self, cases: Sequence[Case]) -> None:
-        """Each run has its own directory: its scenario's name, its parts, its seed and its settings."""
-        seen: dict[str, Case] = {}
+        """Tables and comparisons tell runs by their scenario's name, their parts, their seed and their settings."""
+        seen: dict[object, Case] = {}
         for case in cases:
-            first = seen.setdefault(case.name, case)
+            first = seen.setdefault(case.key, case)
             if first is not case:
                 twice = "is named twice" if first.scenario == case.scenario else f"is of {first.scenario} and of {case.scenario}"
                 self.errors.append(f"duplicate run: {case.name} {twice}")
@@ -239,14 +245,14 @@ class _Check:
                 self.errors.append(f"{where}.{kind}s: a suite runs no code: {name!r} may only be given on the command line")
                 continue
             try:
-                find(kind, name)  # type: ignore[arg-type]
+                (find if from_command_line else registered)(kind, name)  # type: ignore[arg-type]
             except UnknownNameError as error:
                 self.errors.append(str(error) if from_command_line else f"{where}.{kind}s: {error}")
             else:
                 good.append(name)
         return good
 
-    def _scenario(self, name: str, settings: Mapping[str, Any], where: str) -> tuple[str, Scenario] | None:
+    def _scenario(self, name: str, settings: Mapping[str, Any], where: str) -> tuple[str, Scenario, World] | None:
         try:
             beside = self._folder / name
             path = beside if ("/" in name or Path(name).suffix) and os.path.isfile(beside) else find_scenario(name)
@@ -254,10 +260,11 @@ class _Check:
             loaded = load_scenario(path, settings)
             for map_field in ("map", *(["prior"] if loaded.prior not in ("none", "truth") else [])):
                 loaded.file(map_field)
+            world = World.of(loaded)
         except RobocarError as error:
             self.errors.append(f"{where}.scenarios: {error}")
             return None
-        return source, loaded
+        return source, loaded, world
 
     def _parameters(self, kind: str, chosen: Sequence[str], given: Mapping[str, Any], where: str) -> None:
         for name in chosen if given else ():

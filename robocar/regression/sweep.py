@@ -167,6 +167,7 @@ def _missing(suite: Suite, folder: Path, resume: bool) -> list[Case]:
     if not resume and any(folder.glob("*/metrics.json")):
         done = sum(results.is_complete(folder / case.name) for case in there)
         raise OutputError(f"{folder}: holds runs already, {done} of these {len(suite.cases)}; --resume goes on with the others")
+    _refuse_stale(suite, folder)
     scenarios: dict[tuple[str, str], Any] = {}
     complete = set()
     for case in there:
@@ -180,9 +181,22 @@ def _missing(suite: Suite, folder: Path, resume: bool) -> list[Case]:
             scenarios[key] = loaded.model_dump(mode="json")
         made_from = results.read_config(path).get("scenario")
         if made_from != scenarios[key]:
-            raise ScenarioError(f"{path}: was run when the scenario was another one; remove it, or sweep into another folder")
+            raise ScenarioError(f"{path}: {_STALE}")
         complete.add(case.name)
     return [case for case in suite.cases if case.name not in complete]
+
+
+_STALE = "was run when the scenario was another one; remove it, or sweep into another folder"
+
+
+def _refuse_stale(suite: Suite, folder: Path) -> None:
+    """Tables would take a run of a scenario as it was for one of the scenario as it is."""
+    names, keys = {case.name for case in suite.cases}, {case.key for case in suite.cases}
+    for path in sorted(folder.glob("*/metrics.json")):
+        if path.parent.name not in names and results.is_complete(path.parent):
+            row = results.read_run(path.parent)
+            if (row.scenario, row.navigator, row.estimator, row.mapper, row.seed, row.settings) in keys:
+                raise ScenarioError(f"{path.parent}: {_STALE}")
 
 
 def _describe(suite: Suite, folder: Path) -> None:

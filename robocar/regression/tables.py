@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from rich.table import Table
+from rich.text import Text
 
 from robocar.core import OutputError
+from robocar.core.text import one_line, xml_text
 from robocar.regression.compare import Comparison, describe, settings_note
 from robocar.regression.results import Results, Row, grouped
 from robocar.regression.statistics import IntervalEstimate, mean, share
@@ -53,17 +55,17 @@ def results_table(results: Results, keys: Sequence[str] = ("navigator",)) -> Tab
     """For the terminal."""
     table = Table(box=None, padding=(0, 1))
     for key in keys:
-        table.add_column(key)
+        table.add_column(Text(key))
     for head in (
         "runs",
         "success [95 %]",
         *(f"{name} {_unit(results.units.get(name, ''))}".strip() for name in COLUMNS),
         "errors",
     ):
-        table.add_column(head, justify="right")
+        table.add_column(Text(one_line(head)), justify="right")
     for line in summary(results.rows, keys):
         cells = [str(line.runs), interval(line.success, ".2f"), *(interval(line.metrics[name]) for name in COLUMNS)]
-        table.add_row(*line.group, *cells, str(line.errors))
+        table.add_row(*(Text(one_line(cell)) for cell in (*line.group, *cells, str(line.errors))))
     return table
 
 
@@ -149,21 +151,18 @@ def write_junit(path: Path, suite: str, cases: Iterable[tuple[str, str, str | No
     rows = list(cases)
     failed = sum(problem is not None for *_, problem in rows)
     root = xml.Element("testsuites")
-    node = xml.SubElement(root, "testsuite", name=suite, tests=str(len(rows)), failures=str(failed), errors="0", skipped="0")
+    node = xml.SubElement(
+        root, "testsuite", name=xml_text(suite), tests=str(len(rows)), failures=str(failed), errors="0", skipped="0"
+    )
     for group, name, problem in rows:
-        case = xml.SubElement(node, "testcase", classname=group, name=name)
+        case = xml.SubElement(node, "testcase", classname=xml_text(group), name=xml_text(name))
         if problem is not None:
-            xml.SubElement(case, "failure", message=_printable(problem)).text = _printable(problem)
+            xml.SubElement(case, "failure", message=xml_text(problem)).text = xml_text(problem)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         xml.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
     except OSError as error:
         raise OutputError(f"{path}: cannot write: {error.strerror or error}") from error
-
-
-def _printable(text: str) -> str:
-    """Without what XML cannot hold."""
-    return "".join(sign if sign.isprintable() or sign in "\n\t" else "?" for sign in text)
 
 
 def junit_of_results(results: Results) -> list[tuple[str, str, str | None]]:

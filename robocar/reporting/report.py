@@ -6,12 +6,10 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from robocar.core import OutputError
-
-if TYPE_CHECKING:
-    pass
+from robocar.core.text import markdown_cell
 
 
 @dataclass(slots=True)
@@ -28,9 +26,9 @@ class Report:
         self.numbers[name] = {"value": value, "unit": unit, "paper": paper}
 
     def table(self, header: Sequence[str], rows: Sequence[Sequence[object]], caption: str = "") -> None:
-        """A Markdown table."""
+        """A Markdown table; its cells may hold Markdown."""
         lines = [caption, ""] if caption else []
-        lines += ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+        lines += ["| " + " | ".join(map(_cell, header)) + " |", "|" + "---|" * len(header)]
         lines += ["| " + " | ".join(_cell(cell) for cell in row) + " |" for row in rows]
         self.text.append("\n".join(lines))
 
@@ -53,4 +51,4 @@ class Report:
 def _cell(value: object) -> str:
     if value is None:
         return "–"
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+    return f"{value:.3g}" if isinstance(value, float) else markdown_cell(str(value))

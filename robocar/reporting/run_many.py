@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from typing import TYPE_CHECKING, Any
 
+from robocar.regression.pool import set_deaf
 from robocar.reporting.terminal import sweep_bar
 
 if TYPE_CHECKING:
@@ -23,10 +24,20 @@ def run_many(jobs: Sequence[Mapping[str, Any]]) -> list[RunResult]:
     results: list[RunResult] = []
     # Fresh processes: a forked one would inherit the renderer's and the recorder's threads in an undefined state.
     with sweep_bar() as update, ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-        for result in pool.map(_run_one, jobs):
-            results.append(result)
+        try:
+            set_deaf()
+            found = pool.map(_run_one, jobs)
+            set_deaf(False)
             if update:
-                update(len(results), len(jobs), 0)
+                update(0, len(jobs), 0)
+            for result in found:
+                results.append(result)
+                if update:
+                    update(len(results), len(jobs), 0)
+        except KeyboardInterrupt:
+            for process in multiprocessing.active_children():  # they do not hear it
+                process.terminate()
+            raise
     return results
 
 

@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
+
+from robocar.core.text import one_line, printable
 
 if TYPE_CHECKING:
     from robocar.episode.result import RunResult
@@ -19,7 +22,7 @@ _CONSOLE = Console(stderr=True, highlight=False, soft_wrap=True)
 
 def say(what: str | Table) -> None:
     """To the person at the terminal: stderr, so that stdout stays free for data."""
-    _CONSOLE.print(what, markup=False) if isinstance(what, str) else _CONSOLE.print(what)
+    _CONSOLE.print(printable(what), markup=False) if isinstance(what, str) else _CONSOLE.print(what)
 
 
 def show(table: Table, data_follows: bool) -> None:
@@ -32,11 +35,19 @@ def show(table: Table, data_follows: bool) -> None:
 
 @contextmanager
 def progress_bar() -> Iterator:
-    """A bar of simulated time on a terminal; nothing in a pipe."""
+    """A bar of simulated time on a terminal, with what is left of the limit in wall time; nothing in a pipe."""
     if not _CONSOLE.is_terminal:
         yield None
         return
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[info]}"), TimeElapsedColumn())
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.fields[info]}"),
+        TimeElapsedColumn(),
+        TextColumn("at most"),
+        TimeRemainingColumn(),
+        TextColumn("left"),
+    )
     with Progress(*columns, console=_CONSOLE, transient=True) as bar:
         task = bar.add_task("simulating", total=None, info="")
         shown = -1.0
@@ -78,12 +89,12 @@ def sweep_bar() -> Iterator:
 def metrics_table(result: RunResult) -> Table:
     """All metrics of a run."""
     title = f"{result.scenario}: {result.navigator}, {result.estimator}, {result.mapper}, seed {result.seed}"
-    table = Table(title=title, title_justify="left", show_header=False, box=None, padding=(0, 1))
+    table = Table(title=Text(one_line(title)), title_justify="left", show_header=False, box=None, padding=(0, 1))
     table.add_column(justify="left")
     table.add_column(justify="right")
     table.add_column(justify="left")
     for name, metric in result.metrics.items():
         value, unit = metric["value"], metric["unit"]
         text = "-" if value is None else f"{value:d}" if isinstance(value, int) else f"{value:.4g}"
-        table.add_row(name, text, "" if unit == "1" else unit)
+        table.add_row(*(Text(one_line(cell)) for cell in (name, text, "" if unit == "1" else str(unit))))
     return table

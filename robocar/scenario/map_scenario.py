@@ -65,7 +65,7 @@ def map_scenario(
     start_pose = [*numbers["start"], 0.0][:3]
     goal_pose = numbers.get("goal")
     return {
-        "name": path.name.partition(".")[0],
+        "name": path.stem,
         "map": str(path.resolve()),
         "resolution": resolution,
         "start": start_pose,

@@ -28,6 +28,7 @@ from robocar.core.distance import ClearanceField, polygon_distance
 from robocar.core.solids import Box, Cylinder, Solid
 from robocar.formats import file_kind, load_barn_world, load_map
 from robocar.scenario.model import Scenario, goal_heading, pose_of
+from robocar.scenario.nearest import nearest_free
 from robocar.sim.movers import Mover
 from robocar.sim.world_spec import WorldSpec, add_top_camera, build_world
 
@@ -211,29 +212,53 @@ class Scene:
                 raise ScenarioError(f"{what} hits a wall or an obstacle between {leg}; lead it through free cells")
 
     def _check_pose(self, footprint: Footprint, pose: SE2, what: str, error: type[RobocarError]) -> None:
-        self._check_inside(pose.position, what)
-        if self.clearance(footprint.at(pose)) > 0.0:
+        def fits(pose: SE2) -> bool:
+            return self.clearance(footprint.at(pose)) > 0.0
+
+        def nearest() -> str:
+            return nearest_free(self.grid, pose.position, pose.theta, self._walls.points, fits)
+
+        try:
+            self._check_inside(pose.position, what)
+        except OutsideMap as failure:
+            raise OutsideMap(f"{failure}{nearest()}") from failure
+        if fits(pose):
             return
         spot = f"({pose.x:g}, {pose.y:g}, {pose.theta:g})"
         if float(self._walls.points(pose.position[None])[0]) == 0.0:
-            raise error(f"{what} {spot} lies in a wall")
-        raise error(f"{what} {spot} is too tight: the car's footprint touches an obstacle there")
+            raise error(f"{what} {spot} lies in a wall{nearest()}")
+        raise error(f"{what} {spot} is too tight: the car's footprint touches an obstacle there{nearest()}")
 
     def _check_goal(self, footprint: Footprint, goal: Goal, what: str) -> None:
-        x, y = goal.position
-        maps = {"map": self.grid} if self.prior is None else {"prior map": self.prior, "map": self.grid}
-        for name, grid in maps.items():
+        try:
+            self._check_goal_point(footprint, goal.position, what)
+        except (OutsideMap, GoalOccupied) as failure:
+            # In any heading, unless one is asked for.
+            outline = Footprint.circle(footprint.circumscribed_radius) if goal.heading is None else footprint
+
+            def fits(pose: SE2) -> bool:
+                try:
+                    self._check_goal_point(footprint, pose.position, what)
+                except (OutsideMap, GoalOccupied):
+                    return False
+                return self.clearance(outline.at(pose)) > 0.0
+
+            near = nearest_free(self.grid, goal.position, goal.heading, self._walls.points, fits)
+            raise type(failure)(f"{failure}{near}") from failure
+
+    def _check_goal_point(self, footprint: Footprint, point: Array, what: str) -> None:
+        x, y = point
+        for name, (grid, walls) in self._known_walls.items():
             try:
-                cell = grid.cell_inside(goal.position, what)
+                cell = grid.cell_inside(point, what)
             except OutsideMap:
                 if self.scenario.border == "wall":
                     raise
                 continue
             if grid.occupied[cell]:
                 raise GoalOccupied(f"{what} ({x:g}, {y:g}) lies in a wall of the {name}")
-            walls = enclosed(grid, self.scenario.border == "wall")
-            near = _around(walls, walls.cell_from_world(goal.position), math.ceil(footprint.inscribed_radius / grid.resolution) + 1)
-            room = float(ClearanceField(near, near.occupied).points(goal.position[None])[0])
+            near = _around(walls, walls.cell_from_world(point), math.ceil(footprint.inscribed_radius / grid.resolution) + 1)
+            room = float(ClearanceField(near, near.occupied).points(point[None])[0])
             if room < footprint.inscribed_radius:
                 raise GoalOccupied(
                     f"{what} ({x:g}, {y:g}) is too tight: the nearest wall of the {name} is {room:.3f} m away, "
@@ -242,6 +267,12 @@ class Scene:
         spot = Footprint.circle(footprint.inscribed_radius).at(SE2(float(x), float(y)))
         if self.clearance(spot) == 0.0:
             raise GoalOccupied(f"{what} ({x:g}, {y:g}) is too tight: an unknown obstacle or the border stands there")
+
+    @cached_property
+    def _known_walls(self) -> dict[str, tuple[OccupancyGrid, OccupancyGrid]]:
+        """The maps that a goal must fit on, and the same with their border."""
+        maps = {"map": self.grid} if self.prior is None else {"prior map": self.prior, "map": self.grid}
+        return {name: (grid, enclosed(grid, self.scenario.border == "wall")) for name, grid in maps.items()}
 
 
 def _around(grid: OccupancyGrid, cell: tuple[int, int], reach: int) -> OccupancyGrid:

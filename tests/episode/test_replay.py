@@ -5,16 +5,24 @@ from __future__ import annotations
 import json
 import math
 import shutil
+import sys
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 import robocar
-from robocar.core import LogFormatError, ParameterError, ScenarioError, UnknownNameError
+from robocar.core import LogFormatError, ParameterError, RobocarError, ScenarioError, UnknownNameError
 from robocar.episode.replay import replay
-from robocar.formats import read_tum
+from robocar.formats import check_file, read_tum
 from robocar.formats.mrclam import load_mrclam
+from robocar.regression.divergence import find_divergence
+from robocar.regression.report import write_report
+from robocar.regression.results import read_results
+from robocar.regression.suite import load_suite
+from robocar.scenario.load import load_scenario
 
 SETTINGS = {
     "robot.camera": True,
@@ -175,6 +183,37 @@ def test_a_recorded_configuration_runs_no_code(run_folder: Path, tmp_path: Path)
     with pytest.raises(ScenarioError, match="estimator is broken_parts:at_goal, and a recorded configuration runs no code"):
         replay(folder)
     assert replay(folder, estimator="broken_parts:at_goal").status == "success"
+
+
+@pytest.mark.parametrize(
+    "key", ["navigator", "estimator", "mapper", "defaults.navigator", "defaults.estimator", "defaults.mapper"]
+)
+def test_nothing_that_reads_a_run_imports_what_its_configuration_names(
+    key: str, run_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: a module that would leave a file."""
+    (tmp_path / "canary.py").write_text(f"open({str(tmp_path / 'sang')!r}, 'w').close()\nraise SystemExit(0)\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    folder = tmp_path / "runs" / run_folder.name
+    shutil.copytree(run_folder, folder)
+    config = yaml.safe_load((folder / "config.yaml").read_text())
+    place = config["scenario"].setdefault("defaults", {}) if "." in key else config
+    place[key.rpartition(".")[2]] = "canary:build"
+    (folder / "config.yaml").write_text(yaml.safe_dump(config))
+    for action in (
+        lambda: replay(folder),
+        lambda: replay(folder, estimator="odometry"),
+        lambda: find_divergence(folder, run_folder, tmp_path / "both.rrd"),
+        lambda: write_report(folder.parent),
+        lambda: read_results(folder.parent),
+        lambda: check_file(folder / "config.yaml"),
+        lambda: load_scenario(folder / "config.yaml"),
+        lambda: load_suite(folder / "config.yaml"),
+    ):
+        with suppress(RobocarError):
+            action()
+    assert not (tmp_path / "sang").exists()
+    assert "canary" not in sys.modules
 
 
 def test_a_run_without_a_camera_cannot_feed_the_particle_filter(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ import yaml
 from robocar.core import OutputError
 from robocar.episode.result import RunResult
 from robocar.episode.run import run
+from robocar.episode.spec import RunSpec
 from robocar.formats import read_tum
 from robocar.recording import read_observations, read_signal, read_trajectory
 from tests.episode.runs import PARTS, SHORT, short, strict
@@ -34,7 +35,8 @@ ALWAYS = """
 
 class TestRunDirectory:
     def test_holds_what_the_design_says(self, recorded: RunResult, out: Path) -> None:
-        assert recorded.directory == out / "short--a-star--odometry--none--s3"
+        assert recorded.directory == out / recorded.name
+        assert re.fullmatch("short--a-star--odometry--none--s3--[0-9a-f]{8}", recorded.name)
         names = {file.name for file in recorded.directory.iterdir()}
         assert names == {"run.rrd", "metrics.json", "config.yaml", "truth.tum", "odometry.tum", "estimate.tum"}
         assert recorded.recording == recorded.directory / "run.rrd"
@@ -137,7 +139,8 @@ class TestRunDirectory:
         assert set(seen) == {before}
 
     def test_what_a_killed_process_of_the_same_number_left_is_not_taken_over(self, tmp_path: Path) -> None:
-        old = tmp_path / f".short--a-star--odometry--none--s0.{os.getpid()}.partial"
+        name = RunSpec.of(SHORT | {"time_limit": 0.5}, **PARTS).name
+        old = tmp_path / f".{name}.{os.getpid()}.partial"
         old.mkdir()
         (old / "error.txt").write_text("of another run")
         result = run(SHORT | {"time_limit": 0.5}, **PARTS, out=tmp_path, record=False)

@@ -11,9 +11,11 @@ from importlib import import_module
 import pytest
 
 from robocar.episode.run import run
+from robocar.episode.spec import RunSpec
 
 pytest_plugins = ["pytester"]
 SHORT = {"name": "short", "map": "maps/thesis_field.yaml", "start": [0.3, 0.3, 0], "goal": [1.2, 0.4], "time_limit": 1.0}
+NAME = RunSpec.of(SHORT, navigator="a-star", estimator="truth", seed=3).name
 TEST = f"""
 SHORT = {SHORT!r}
 
@@ -54,10 +56,10 @@ def session(project: pytest.Pytester, *words: str) -> tuple[pytest.RunResult, st
 def test_baselines_are_written_kept_and_compared(project: pytest.Pytester) -> None:
     result, out = session(project)
     result.assert_outcomes(failed=1, passed=1)
-    assert "no baseline robocar-baselines/short--a-star--truth--none--s3.json; pytest --robocar-update writes it" in out
+    assert f"no baseline robocar-baselines/{NAME}.json; pytest --robocar-update writes it" in out
     result, out = session(project, "--robocar-update")
     result.assert_outcomes(passed=2)
-    assert "baseline new: robocar-baselines/short--a-star--truth--none--s3.json" in out
+    assert f"baseline new: robocar-baselines/{NAME}.json" in out
     (path,) = (project.path / "robocar-baselines").iterdir()
     (baseline,) = json.loads(path.read_text())["runs"].values()
     alone = run(SHORT, navigator="a-star", estimator="truth", seed=3)
@@ -126,25 +128,67 @@ def test_another_machine_compares_metrics_and_says_so(project: pytest.Pytester) 
 def test_a_bad_baseline_fails_with_its_reason(project: pytest.Pytester, text: str, words: str) -> None:
     folder = project.path / "robocar-baselines"
     folder.mkdir()
-    (folder / "short--a-star--truth--none--s3.json").write_text(text)
+    (folder / f"{NAME}.json").write_text(text)
     result, out = session(project, "-k", "first", "--robocar-recordings=none")
     result.assert_outcomes(failed=1, deselected=1)
     assert words in out
 
 
-def test_a_factory_may_be_given_itself_and_a_lambda_may_not(pytester: pytest.Pytester) -> None:
+def test_classes_and_factories_may_be_given_themselves(pytester: pytest.Pytester) -> None:
+    """One at the top of a module has its place for a name; what is made on the way is told from others by what it holds."""
     pytester.makepyfile(
         own="from robocar.planners.search.dynamic_a_star import build as make\ndef build(context):\n    return make(context)\n",
         test_it=f"""
 import own, pytest
+from robocar.core import STOP, ParameterError
 SHORT = {SHORT!r}
+
+class Stands:
+    def __init__(self, context, why=""):
+        self.why = why
+    def command(self, state, observation, goal):
+        return STOP
+
+def standing(why):
+    return lambda context: Stands(context, why)
 
 def test_factory(physics_run):
     assert physics_run(SHORT, navigator=own.build).navigator == "own:build"
+    assert physics_run(SHORT, navigator=own.build) is physics_run(SHORT, navigator="own:build")
 
-def test_lambda(physics_run):
-    with pytest.raises(TypeError, match="at the top of a module"):
-        physics_run(SHORT, navigator=lambda context: None)
+def test_class(physics_run):
+    assert physics_run(SHORT, navigator=Stands).navigator == "test_it:Stands"
+
+def test_closures(physics_run):
+    names = [physics_run(SHORT, navigator=standing(why)).name for why in "aba"]
+    assert names[0] == names[2] != names[1]
+    with pytest.raises(ParameterError, match="holds an object of type object, by which two runs cannot be told apart"):
+        physics_run(SHORT, navigator=standing(object()))
 """,
     )
-    session(pytester, "--robocar-recordings=none")[0].assert_outcomes(passed=2)
+    session(pytester, "--robocar-recordings=none")[0].assert_outcomes(passed=3)
+
+
+FOUR = f"""
+import pytest
+SHORT = {SHORT!r}
+
+@pytest.mark.parametrize("y", [0.4, 0.5, 0.6, 0.7])
+def test_it(physics_run, assert_no_regression, y):
+    assert_no_regression(physics_run(SHORT | {{"goal": [1.2, y]}}, navigator="a-star", estimator="truth"))
+"""
+
+
+@pytest.mark.parametrize("words", [(), ("-n", "2")])
+def test_every_run_has_its_own_baseline_and_recording_and_every_message_arrives(
+    pytester: pytest.Pytester, words: tuple[str, ...]
+) -> None:
+    """Four runs of one name, in this process and in workers of xdist. Oracle: their number."""
+    pytester.makepyfile(test_it=FOUR)
+    names = [f"short--a-star--truth--none--s0--*.{kind}" for kind in ("json", "rrd")]
+    run = pytester.runpytest_subprocess("-p", "no:cacheprovider", *words, "--robocar-update", "--robocar-recordings=all")
+    run.assert_outcomes(passed=4)
+    assert [len(list(pytester.path.glob(f"robocar-*/{name}"))) for name in names] == [4, 4]
+    assert [sum(word in line for line in run.outlines) for word in ("baseline new: ", "recording: ")] == [4, 4]
+    again = pytester.runpytest_subprocess("-p", "no:cacheprovider", *words, "--robocar-recordings=none")
+    again.assert_outcomes(passed=4)

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robocar.core import ScenarioError
@@ -163,6 +163,7 @@ def test_tolerances_change_only_what_the_suite_says() -> None:
     }
 
 
+@settings(deadline=None)
 @given(first=st.integers(0, 50), count=st.integers(1, 20))
 def test_first_last_is_the_range(first: int, count: int) -> None:
     """Oracle: Python's range."""
