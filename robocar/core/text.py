@@ -16,7 +16,7 @@ def describe(error: BaseException) -> str:
     """Type and message of an error, as one line that can be written, whatever its author did."""
     try:
         message = str(error)
-    except Exception:
+    except BaseException:  # its author's, and of no interest
         message = "(its message cannot be made)"
     line = " ".join(f"{type(error).__name__}: {message}".split())
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
