@@ -45,11 +45,13 @@ def plain_number(value: Any, name: str) -> float:
 
 
 def frozen_array(values: ArrayLike, dtype: DTypeLike = float) -> NDArray:
-    """A read-only array; a copy unless nobody else can change it (read-only, and no view of an array that is not)."""
+    """A read-only array; a copy unless nobody else can change it (read-only, and no view of an array that is not).
+
+    A copy lies in bytes, which nobody can make writable again: what several parts share no part can change.
+    """
     array = np.asarray(values, dtype=dtype)
-    if array.flags.writeable or array.base is not None:
-        array = array.copy()
-        array.setflags(write=False)
+    if array.flags.writeable or not (array.base is None or array.base.__class__ is bytes):
+        array = np.ndarray(array.shape, array.dtype, array.tobytes())
     return array
 
 

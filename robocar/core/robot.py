@@ -69,6 +69,10 @@ class Calibration:
     curvature: Array
     track: Array
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "curvature", frozen_array(self.curvature))
+        object.__setattr__(self, "track", frozen_array(self.track))
+
     def effective_track(self, v: float, omega: float) -> float:
         """Effective track for this twist [m]; on the spot and at rest that of turning on the spot."""
         curvature, track = self.curvature, self.track
@@ -106,6 +110,9 @@ class Landmark:
     color: str
     position: Array
     radius: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", frozen_array(self.position))
 
 
 def _no_oracle() -> GroundTruth:

@@ -46,7 +46,7 @@ def describe(error: BaseException) -> str:
     """Type and message of an error, as one line that can be written, whatever its author did."""
     try:
         message = str(error)
-    except Exception:
+    except BaseException:  # its author's, and of no interest
         message = "(its message cannot be made)"
     return one_line(f"{type(error).__name__}: {message}")
 

@@ -46,9 +46,9 @@ class Outcome:
         """
         try:
             yield
-        except OutputError:
+        except (OutputError, KeyboardInterrupt):
             raise
-        except (Exception, SystemExit) as error:  # also a mapper's grid or a trace that cannot be drawn
+        except BaseException as error:  # whatever it is derived from; also a mapper's grid or a trace that cannot be drawn
             self.status, self.reason = "error", describe_with_place(error)
             self.traceback = _traceback(error)
 
@@ -64,6 +64,6 @@ class Outcome:
 def _traceback(error: BaseException) -> str:
     try:
         text = "".join(traceback.format_exception(error))
-    except Exception:  # of an error that does not let itself be looked at
+    except BaseException:  # of an error that does not let itself be looked at
         text = describe(error)
     return text.encode(errors="backslashreplace").decode()

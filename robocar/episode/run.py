@@ -5,6 +5,7 @@ from __future__ import annotations
 import time as wall
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -130,7 +131,7 @@ class _Subject:
             self.handle,
             CheckedEstimator(self.assembly.estimator()),
             CheckedNavigator(self.assembly.navigator()),
-            self.goal,
+            None if self.goal is None else replace(self.goal),  # nobody moves the one that is judged
             Judge(_rules(self.spec.scenario, patience), self.goal, self.world, self.handle, self._measure()),
             self.assembly.odometry(),
             NullRecorder(),

@@ -221,7 +221,9 @@ def _compute(computation: _Computation, log: RunLog, known: Mapping[str, Value])
         if strange := sorted(found.keys() - set(names)):
             raise ValueError(f"{strange[0]!r} is not declared")
         return {name: _number(value) for name, value in found.items()}
-    except (Exception, SystemExit) as error:  # of a package that we do not know
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # of a package that we do not know
         reason = f"metric {names[0]!r} of {computation.place} fails, and is None: {describe(error)}"
         warnings.warn(reason, RuntimeWarning, stacklevel=3)
         return dict.fromkeys(names)

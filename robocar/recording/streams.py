@@ -6,14 +6,19 @@ import logging
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import rerun as rr
 import rerun.blueprint as rrb
+import rerun_bindings
 
 from robocar.core import OutputError
+
+_UNWRITTEN: list[rr.RecordingStream] = []
+"""Recordings whose writer failed: held for ever, since Rerun would wait for that writer when it drops them."""
 
 FLUSH_TIMEOUT = 60.0  # [s] of real time; only a writer that died takes so long
 ROOM = 1 << 20  # a disk with less room is full [B]
@@ -21,8 +26,41 @@ _FOOTER = b"RRF2FOOT"
 
 
 def _recording(run_id: str) -> rr.RecordingStream:
-    # Chunks end where the recorder flushes, not where a clock says: equal runs have equal files.
+    # Chunks end where the recorder flushes, not where Rerun's clock says.
     return rr.RecordingStream("robocar", recording_id=run_id, send_properties=False, batcher_config=rr.ChunkBatcherConfig.NEVER())
+
+
+class _OwnedBlueprint:
+    """A blueprint that knows the stream that Rerun makes for it.
+
+    A stream in memory holds itself (Rerun 0.41), so the one behind `default_blueprint` has to be closed: else it stays, with its
+    two threads, for as long as the process.
+    """
+
+    def __init__(self, views: rrb.Blueprint) -> None:
+        self._views = views
+        self._stream: rr.RecordingStream | None = None
+
+    def to_blueprint(self) -> _OwnedBlueprint:
+        return self
+
+    def _log_to_stream(self, stream: rr.RecordingStream) -> None:
+        self._stream = stream
+        self._views._log_to_stream(stream)
+
+    def close(self) -> None:
+        if self._stream is not None:
+            self._stream.disconnect()
+            self._stream = None
+
+
+@contextmanager
+def _owned(views: rrb.Blueprint) -> Iterator[Any]:
+    blueprint = _OwnedBlueprint(views)
+    try:
+        yield blueprint
+    finally:
+        blueprint.close()
 
 
 def _viewer_path() -> str | None:
@@ -52,7 +90,8 @@ class Streams:
             # Rerun waits for ever for a writer that failed at the first byte.
             if self._free_bytes() < ROOM:
                 raise OutputError(self._failure("cannot write the recording"))
-            self._file.save(path, default_blueprint=views)
+            with _owned(views) as blueprint:
+                self._file.save(path, default_blueprint=blueprint)
         except (RuntimeError, OSError) as error:
             raise OutputError(f"{path}: cannot write the recording: {error}") from error
         self._file.set_log_time_enabled(False)
@@ -64,10 +103,12 @@ class Streams:
         viewer.set_log_time_enabled(False)
 
         def connect() -> None:
-            if live is True:
-                rr.spawn(hide_welcome_screen=True, default_blueprint=views, recording=viewer, executable_path=_viewer_path())
-            else:
-                viewer.connect_grpc(str(live), default_blueprint=views)
+            with _owned(views) as blueprint:
+                if live is True:
+                    path = _viewer_path()
+                    rr.spawn(hide_welcome_screen=True, default_blueprint=blueprint, recording=viewer, executable_path=path)
+                else:
+                    viewer.connect_grpc(str(live), default_blueprint=blueprint)
 
         self._to_viewer(connect)
 
@@ -107,6 +148,7 @@ class Streams:
 
     def _give_up(self) -> None:
         """Closes the file as far as that goes: Rerun waits for ever for a writer that has failed, and only then."""
+        _UNWRITTEN.append(self._file)
         closing = threading.Thread(target=self._file.disconnect, daemon=True)
         closing.start()
         closing.join(timeout=5.0)
@@ -119,7 +161,11 @@ class Streams:
         """
         if self._viewer is not None:
             self._viewer.disconnect()
+            self._viewer = None
         self._file.disconnect()
+        # Rerun keeps every recording, with its two threads, until it is told to drop those that nobody holds any more.
+        del self._file
+        rerun_bindings.flush_and_cleanup_orphaned_recordings()
         # The footer is written on disconnecting, when nobody is told of a full disk.
         with self._path.open("rb") as file:
             file.seek(-min(64, self._path.stat().st_size), os.SEEK_END)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import time as wall
 from collections.abc import Mapping
 from functools import lru_cache
 from itertools import chain
@@ -45,7 +46,7 @@ from robocar.recording.sheet import SERIES, Sheet
 from robocar.recording.streams import Streams
 from robocar.recording.throttle import Throttle
 
-FLUSH_TICKS, LIVE_FLUSH_TICKS = 400, 4
+FLUSH_TICKS, LIVE_FLUSH_TICKS, FLUSH_SECONDS = 200, 4, 1.5
 GRID_INTERVAL, GRID_RATE = 0.5, 200_000.0  # [s], [cells/s]
 TRACE_INTERVAL, TRACE_RATE = 0.2, 20_000.0  # [s], [B/s]
 PARTICLE_INTERVAL, MOST_PARTICLES = 0.5, 200
@@ -55,7 +56,8 @@ LASER_INTERVAL, MOST_BEAMS = 0.2, 200
 class RerunRecorder:
     """A recorder that writes `path` and, if `live`, also shows the run in a viewer while it goes on.
 
-    Numbers are collected and written every `flush_ticks` ticks, so a killed run can be read up to there. What is large is written
+    Numbers are collected and written every `flush_ticks` ticks, and where these take long after `FLUSH_SECONDS` of wall time, so
+    that a killed run can be read up to there. The clock decides where chunks end, never what is in them. What is large is written
     less often than it changes: maps twice a second, what a trace draws five times, less often where it is big, particles as a
     subset. Observations and commands are written exactly (`robocar.recording.codec`).
 
@@ -65,7 +67,7 @@ class RerunRecorder:
         scenery: the static world.
         live: also stream to a viewer: True opens one, a text is the address of one that runs already.
         properties: facts known before the run, e.g. scenario and seed.
-        flush_ticks: between two writings; by default 400, or 4 if live.
+        flush_ticks: between two writings; by default 200, or 4 if live.
 
     Raises:
         OutputError: the file cannot be written.
@@ -156,7 +158,7 @@ class RerunRecorder:
         self._trace(command.trace)
         for name, item in self._traces.due(self._time):
             self._draw(name, item)
-        if (self._tick + 1) % self._flush_ticks == 0:
+        if (self._tick + 1) % self._flush_ticks == 0 or wall.monotonic() - self._flushed > FLUSH_SECONDS:
             self._flush()
 
     def finish(self) -> None:
@@ -332,6 +334,7 @@ class RerunRecorder:
 
     def _flush(self) -> None:
         """What cannot be sent is forgotten, and an error once all else is sent."""
+        self._flushed = wall.monotonic()
         failed: list[Exception] = []
         for buffer in (self._sheet, self._observed, self._commanded, *self._buffers.values(), *self._rows.values()):
             try:

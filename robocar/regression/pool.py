@@ -55,6 +55,7 @@ class _Slot:
 
     def __init__(self) -> None:
         self._pool: Any = None
+        self._pid = 0  # of its process
         self._closed = False
 
     def run(self, job: Job) -> JobOutcome:
@@ -63,14 +64,13 @@ class _Slot:
             if self._closed:
                 break
             try:
-                if self._pool is None:
-                    self._pool = _process_pool()
-                pool = self._pool
+                pool = self._started()
                 done = pool.schedule(execute, args=[job], timeout=job.limit)
-                while not wait([done], timeout=0.5).done and pool.active:
-                    pass
-                if not done.done():
-                    raise BrokenProcessPool
+                if not self._finished(pool, done):
+                    if not pool.active:
+                        raise BrokenProcessPool
+                    self._drop()
+                    return JobOutcome("died", "its process ended in the middle of the run (status 0)", read_log(job))
                 outcome = _outcome(done, job)
             except (BrokenProcessPool, RuntimeError):  # killed before it had begun: the job is not to blame
                 self._drop()
@@ -79,6 +79,33 @@ class _Slot:
                 self._drop()
             return outcome
         return JobOutcome("died", "stopped" if self._closed else "its process was killed before the run began")
+
+    def _started(self) -> Any:
+        """The pool, with a process that lives.
+
+        Raises:
+            BrokenProcessPool: it does not begin.
+        """
+        if self._pool is not None and not _lives(self._pid):
+            self._drop()
+        if self._pool is None:
+            pool = self._pool = _process_pool()
+            self._pid = 0
+            first = pool.schedule(os.getpid)
+            try:
+                self._pid = first.result() if self._finished(pool, first) else 0
+            except Exception as error:
+                raise BrokenProcessPool from error
+            if not self._pid:
+                raise BrokenProcessPool
+        return self._pool
+
+    def _finished(self, pool: Any, future: Future[Any]) -> bool:
+        """Waits for it; False where its process has ended without a word: pebble waits on where the status is 0."""
+        while pool.active and not wait([future], timeout=0.5).done:
+            if self._pid and not _lives(self._pid):
+                return bool(wait([future], timeout=1.0).done)
+        return future.done()
 
     def close(self) -> None:
         """Stops at once, from another thread too."""
@@ -118,7 +145,7 @@ class LocalWorkers:
             job, outcome = item
             try:
                 outcome.set_result(slot.run(job))
-            except Exception as error:  # nobody may wait for ever
+            except BaseException as error:  # nobody may wait for ever
                 outcome.set_result(JobOutcome("raised", _short(error)))
 
     def close(self) -> None:
@@ -218,6 +245,11 @@ def _process_pool() -> Any:
 
     # Fresh processes: a forked one would inherit the renderer's and the recorder's threads in an undefined state.
     return ProcessPool(max_workers=1, initializer=warm_up, context=multiprocessing.get_context("spawn"))
+
+
+def _lives(pid: int) -> bool:
+    """Whether this process of ours has not ended yet."""
+    return any(child.pid == pid for child in multiprocessing.active_children())
 
 
 def _outcome(done: Future[JobOutcome], job: Job) -> JobOutcome:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from robocar.core import OutputError
+from robocar.core.text import describe
 from robocar.episode.run_directory import RunDirectory
 
 ROOM = 1 << 20
@@ -67,10 +68,10 @@ def execute(job: Job) -> JobOutcome:
             from robocar.episode.run import run
 
             run(**job.arguments, out=job.out, record=job.record, force=True)
-        except (Exception, SystemExit) as error:
+        except BaseException as error:  # whatever it is derived from: what escapes here, nobody waits for
             traceback.print_exc()
             kind = "full" if _is_full(job.out, error) else "raised"
-            return JobOutcome(kind, f"{type(error).__name__}: {error}", traceback.format_exc())
+            return JobOutcome(kind, describe(error), traceback.format_exc())
     return JobOutcome("done")
 
 

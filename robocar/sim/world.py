@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import combinations
 from types import MappingProxyType
+from weakref import proxy
 
 import mujoco
 import numpy as np
@@ -81,7 +82,7 @@ class World:
                 model=self.model,
                 data=self.data,
                 streams=partial(_stream_of, seed, whose),
-                clearance=partial(self._room, setup.name),
+                clearance=partial(World._room, proxy(self), setup.name),  # no circle: a world goes with its last reference
                 met_by_rays=_groups(SENSED_GROUP, *(g for i, g in enumerate(ROBOT_GROUPS[: len(robots)]) if i != k)),
                 shown=_groups(SENSED_GROUP, SEEN_GROUP, *ROBOT_GROUPS[: len(robots)]),
             )
@@ -163,7 +164,7 @@ class World:
         return next((m.name for m in self._movers if m.distance(self.data, np.reshape(point, (1, 2))) < room), None)
 
     def close(self) -> None:
-        """Give back the offscreen buffers."""
+        """Gives back what the robots' sensors hold."""
         for robot in self.robots.values():
             robot.close()
 

@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import time
+from concurrent.futures import CancelledError
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,25 @@ def _kill() -> None:
 def dies(context: Context) -> _Standing:
     """At each try."""
     return _Standing(lambda: (_mark("dies"), _kill()))
+
+
+def leaves(context: Context) -> _Standing:
+    """Ends its process as if all had gone well."""
+    return _Standing(lambda: (_mark("leaves"), os._exit(0)))
+
+
+class _Odd(BaseException):
+    """Derived from what few expect."""
+
+
+def raises_an_odd_error(context: Context) -> _Standing:
+    _mark("raises_an_odd_error")
+    raise _Odd("nobody catches me")
+
+
+def cancels(context: Context) -> _Standing:
+    _mark("cancels")
+    raise CancelledError
 
 
 def dies_once(context: Context) -> _Standing:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from concurrent.futures import CancelledError
 from dataclasses import dataclass
 from typing import Any
 
@@ -74,6 +75,22 @@ word_twist = _then(lambda: Drive(Twist("fast")))  # type: ignore[arg-type]
 half_message = _then(lambda: _raise(ValueError("\udcff")))
 two_lines = _then(lambda: _raise(ValueError("first\nsecond\x1b[31m")))
 no_message = _then(lambda: _raise(Speechless()))
+
+
+class Odd(BaseException):
+    """Derived from what few expect."""
+
+
+class Mute(BaseException):
+    def __str__(self) -> str:
+        raise Odd("no words")
+
+
+odd_error = _then(lambda: _raise(Odd("nobody catches me")))
+generator_exit = _then(lambda: _raise(GeneratorExit("x")))
+cancels = _then(lambda: _raise(CancelledError()))
+no_message_either = _then(lambda: _raise(Mute()))
+half_line = _then(lambda: Serial("\udcff"))
 
 
 class Speechless(Exception):

@@ -90,6 +90,22 @@ def test_what_goes_wrong_costs_one_run_and_is_tried_once_more(short: str, marks:
     assert left_behind(tmp_path / "out") == []
 
 
+def test_whatever_a_part_raises_or_leaves_the_sweep_goes_on(short: str, marks: Path, tmp_path: Path) -> None:
+    """A process that ends with status 0, and errors that are no `Exception`: none is waited for until its limit."""
+    bad = ("leaves", "raises_an_odd_error", "cancels")
+    suite = suite_of(short, ("a-star", *(f"bad_parts:{name}" for name in bad)), seeds=[0], limit=300)
+    started = time.monotonic()
+    swept = sweep(suite, tmp_path / "out", jobs=2)
+    assert time.monotonic() - started < 200
+    rows = {row.navigator.removeprefix("bad_parts:"): row for row in read_results(tmp_path / "out").rows}
+    assert {name: row.status for name, row in rows.items()} == dict.fromkeys(bad, "error") | {"a-star": "timeout"}
+    assert len(swept.lost) == len(bad)
+    assert rows["leaves"].reason == "its process ended in the middle of the run (status 0), 2 times"
+    assert "_Odd: nobody catches me" in rows["raises_an_odd_error"].reason
+    assert "CancelledError" in rows["cancels"].reason
+    assert left_behind(tmp_path / "out") == []
+
+
 def test_a_worker_killed_every_few_runs_loses_nothing(short: str, tmp_path: Path) -> None:
     """All results present, none twice, none torn; the oracle is the list of cases."""
     suite = suite_of(short, seeds=list(range(24)))
