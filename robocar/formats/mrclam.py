@@ -8,6 +8,7 @@ the next line. A measurement names a barcode; subjects 1 to 5 are robots, which 
 from __future__ import annotations
 
 import bisect
+import math
 import os
 from collections import Counter
 from itertools import pairwise

@@ -268,7 +268,7 @@ class RobotHandle:
         self._command = Hold()
 
     def close(self) -> None:
-        """Gives back the offscreen buffers, and the sensors, which hold the robot that holds them: so its memory is free at once."""
+        """Gives back the offscreen buffers, and the sensors: they hold the robot that holds them, and its memory with it."""
         self._closing.close()
         self._channels.clear()
 
