@@ -143,6 +143,9 @@ class PurePursuit:
         if self._held_up:
             self._held_up = False
             return self._get_out(costmap, pose, trace)
+        # What seems to touch the car may be beside it: nothing but a way out keeps off it.
+        if views[0].touching and self._last == Twist() and (escaping := self._begun(costmap, pose)) is not None:
+            return escaping
         for view in views:
             arc = self._best_arc(view, pose)
             trace["lookahead"] = Points(np.array([arc.carrot]))
@@ -218,12 +221,14 @@ class PurePursuit:
     def _get_out(self, costmap: Costmap | None, pose: SE2, trace: dict[str, Drawable]) -> Drive:
         """Out of where the car can neither go on nor turn: it stops, and then drives to where it has more room."""
         self._blocked = True
-        if self._last == Twist() and self._escape.begin(pose, surfaces(costmap, pose, REACH)):
-            escaping = self._escaping(costmap, pose)
-            if escaping is not None:
-                return escaping
+        if self._last == Twist() and (escaping := self._begun(costmap, pose)) is not None:
+            return escaping
         self._last = Twist()
         return Drive(Twist(), trace=trace | {"pure_pursuit": Text("blocked on all sides", "WARN")})
+
+    def _begun(self, costmap: Costmap | None, pose: SE2) -> Drive | None:
+        """The first command of a way out; None where there is none."""
+        return self._escaping(costmap, pose) if self._escape.begin(pose, surfaces(costmap, pose, REACH)) else None
 
     def _escaping(self, costmap: Costmap | None, pose: SE2) -> Drive | None:
         """The next command of the way out; None where it is over."""
