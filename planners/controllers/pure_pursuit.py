@@ -25,6 +25,7 @@ STOPPING_SHARE = 0.5
 """Of `Goal.xy_goal_tolerance`: the car stops here, well inside, since its belief may be off."""
 
 _TOUCHING = 1e-3  # [m] an arc that is free no farther is blocked
+_BEHIND = 2.3  # [rad] away from the heading, either way round is about as long
 _ALIGNED = 0.05  # [rad] less is not worth turning for
 _STRIDE = 0.01  # [m] no corner goes farther in a control period where there is no room but for slip
 _PATIENCE = 10.0  # [s] without getting `_AWAY` from where it was first blocked, after which it is too tight there
@@ -143,6 +144,9 @@ class PurePursuit:
         if self._held_up:
             self._held_up = False
             return self._get_out(costmap, pose, trace)
+        # What seems to touch the car may be beside it: nothing but a way out keeps off it.
+        if views[0].touching and self._last == Twist() and (escaping := self._begun(costmap, pose)) is not None:
+            return escaping
         for view in views:
             arc = self._best_arc(view, pose)
             trace["lookahead"] = Points(np.array([arc.carrot]))
@@ -201,8 +205,14 @@ class PurePursuit:
         return math.copysign(min(fastest, math.sqrt(self._limits.acc_lim_theta * abs(angle))), angle)
 
     def _turn(self, view: CostmapView, angle: float, trace: dict[str, Drawable]) -> Drive | None:
-        """On the spot by `angle` [rad], or the other way round; None where neither is free."""
-        for way in (angle, angle - math.copysign(math.tau, angle)):
+        """On the spot by `angle` [rad], or the other way round; None where neither is free.
+
+        To what lies behind it goes on the way that it turns already: a target that shifts a little must not turn it to and fro.
+        """
+        ways = [angle, angle - math.copysign(math.tau, angle)]
+        if abs(angle) > _BEHIND and angle * self._last.omega < 0.0:
+            ways.reverse()
+        for way in ways:
             if view.free_turn(way):
                 return self._drive(view, 0.0, self._turning_speed(way), trace)
         return None
@@ -218,12 +228,14 @@ class PurePursuit:
     def _get_out(self, costmap: Costmap | None, pose: SE2, trace: dict[str, Drawable]) -> Drive:
         """Out of where the car can neither go on nor turn: it stops, and then drives to where it has more room."""
         self._blocked = True
-        if self._last == Twist() and self._escape.begin(pose, surfaces(costmap, pose, REACH)):
-            escaping = self._escaping(costmap, pose)
-            if escaping is not None:
-                return escaping
+        if self._last == Twist() and (escaping := self._begun(costmap, pose)) is not None:
+            return escaping
         self._last = Twist()
         return Drive(Twist(), trace=trace | {"pure_pursuit": Text("blocked on all sides", "WARN")})
+
+    def _begun(self, costmap: Costmap | None, pose: SE2) -> Drive | None:
+        """The first command of a way out; None where there is none."""
+        return self._escaping(costmap, pose) if self._escape.begin(pose, surfaces(costmap, pose, REACH)) else None
 
     def _escaping(self, costmap: Costmap | None, pose: SE2) -> Drive | None:
         """The next command of the way out; None where it is over."""

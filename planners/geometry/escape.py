@@ -5,8 +5,8 @@ helps is a search over what it can do (Pivtoraiko, Knepper and Kelly, Differenti
 State Lattices, Journal of Field Robotics 26(3), 2009): short arcs ahead and back, and small turns. Every navigator gets out of
 tight places in this way, and in no other:
 
-* the whole sweep of the outline keeps `MARGIN` off all that is known, or, where the robot stands nearer to something than that,
-  it comes no nearer;
+* the whole sweep of the outline keeps `MARGIN` off all surfaces that are known, or, where the robot stands nearer to one than
+  that, comes no nearer; what seems to reach into the robot reaches no deeper;
 * the manoeuvre ends with room to turn, or, where none is in reach, with more room than before.
 """
 
@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 from robocar.core import SE2, Array, Drive, Lines, Robot, Text, Twist
 from robocar.core.compiling import warm_up
 from robocar.core.trace import PLAN_COLOR, Drawable
-from robocar.planners.geometry.surfaces import FAR, clearance, room
+from robocar.planners.geometry.surfaces import FAR, floors, keeps, room
 
 MARGIN = 0.003
 """[m] What a robot that drives slowly strays from an arc, and a little more."""
-CELLS = 0.01
-"""[m] How much deeper than it seems a cell that reaches into the robot may be misplaced."""
+CELLS = 0.002
+"""[m] How much deeper a cell that seems to reach into the robot may come: its surface lies somewhere in it, farther away."""
 
 _GAIN = 0.01  # [m] less room than this more is not worth a manoeuvre
 _STEP, _TURN = 0.06, 0.15  # [m, rad] length of an arc, angle of a turn
@@ -59,22 +59,22 @@ def _moved(x: float, y: float, theta: float, length: float, turn: float) -> tupl
 
 
 @njit(cache=True)
-def _free(segments: Array, pose: Array, length: float, turn: float, outline: Array, floor: float) -> bool:
-    """Whether the outline keeps `floor` [m] off all segments along an arc."""
+def _free(segments: Array, least: Array, pose: Array, length: float, turn: float, outline: Array) -> bool:
+    """Whether the outline keeps off all segments, as far as `least` (n,) [m] says, along an arc."""
     radius = 0.0
     for i in range(len(outline)):
         radius = max(radius, math.hypot(outline[i, 0], outline[i, 1]))
     n = max(1, math.ceil((abs(length) + radius * abs(turn)) / _SWEEP))
     for i in range(1, n + 1):
         x, y, theta = _moved(pose[0], pose[1], pose[2], length * i / n, turn * i / n)
-        if clearance(segments, x, y, theta, outline, floor + 1e-6) < floor:
+        if not keeps(segments, least, x, y, theta, outline):
             return False
     return True
 
 
 @njit(cache=True)
 def _search(
-    segments: Array, start: Array, outline: Array, floor: float, wanted: float, arcs: Array
+    segments: Array, least: Array, start: Array, outline: Array, wanted: float, arcs: Array
 ) -> tuple[NDArray, Array, int]:
     """The arcs (indices into `arcs`) to where there is `wanted` room around the robot's origin [m], or as much as can be had, and
     the poses at their ends, (n,) and (n, 3), and what was expanded; none where there is nothing to gain.
@@ -109,7 +109,7 @@ def _search(
             break
         for k in range(len(arcs)):
             length, turn = arcs[k]
-            if not _free(segments, poses[node], length, turn, outline, floor):
+            if not _free(segments, least, poses[node], length, turn, outline):
                 continue
             cost = costs[node] + max(length, -_REVERSE * length) + (_TURNING * abs(turn) if length == 0.0 else 0.0)
             before = by[node]
@@ -139,7 +139,7 @@ class Escape:
 
     Args:
         wanted: free around the robot's circumscribed circle where the manoeuvre ends [m].
-        doubt: by how much more what seems to reach into the robot may be misplaced [m].
+        doubt: how much deeper what seems to reach into the robot may come, being misplaced [m].
     """
 
     def __init__(self, robot: Robot, wanted: float, doubt: float = 0.0) -> None:
@@ -148,7 +148,7 @@ class Escape:
         self._wanted = min(robot.footprint.circumscribed_radius + wanted, 0.9 * FAR)
         self._arcs = _ARCS if robot.limits.min_vel_x < 0.0 else _ARCS[_ARCS[:, 0] >= 0.0]
         self._chosen, self._ends = np.empty(0, dtype=np.int64), np.empty((0, 3))
-        self._floor, self._tries, self._last = 0.0, 0, Twist()
+        self._tries, self._last = 0, Twist()
         self._in_vain: tuple[Array, Array] | None = None  # where and among what there was no manoeuvre
         self._news: dict[str, Drawable] = {}
         self._expansions = 0
@@ -165,7 +165,7 @@ class Escape:
 
     def turns(self, pose: SE2, segments: Array, angle: float) -> bool:
         """Whether a turn on the spot by `angle` [rad] keeps `MARGIN`, or comes no nearer."""
-        return _free(segments, _array(pose), 0.0, angle, self._outline, self._allowed(pose, segments))
+        return _free(segments, self._least(pose, segments), _array(pose), 0.0, angle, self._outline)
 
     def begin(self, pose: SE2, segments: Array) -> bool:
         """Looks for a manoeuvre among the surfaces (n, 4) [m], for a robot that stands. Returns whether there is one."""
@@ -198,8 +198,8 @@ class Escape:
             return None
         twist = self._limited(self._towards(pose))
         braking = self._dt + abs(twist.v) / (2.0 * self._limits.acc_lim_x)  # [s]
-        floor = min(self._floor, self._allowed(pose, segments))
-        if not _free(segments, _array(pose), twist.v * braking, twist.omega * braking, self._outline, floor):
+        least = self._least(pose, segments)
+        if not _free(segments, least, _array(pose), twist.v * braking, twist.omega * braking, self._outline):
             twist = Twist()
             if self._last == Twist():
                 self._tries -= 1
@@ -209,17 +209,15 @@ class Escape:
         self._last = twist
         return twist
 
-    def _allowed(self, pose: SE2, segments: Array) -> float:
-        """The clearance to keep: `MARGIN`, or what there is [m]."""
-        return clearance(segments, pose.x, pose.y, pose.theta, self._outline, MARGIN) - _SLACK
+    def _least(self, pose: SE2, segments: Array) -> Array:
+        """The clearance to keep from each segment: `MARGIN`, or what there is, (n,) [m]."""
+        return floors(segments, pose.x, pose.y, pose.theta, self._outline, MARGIN, self._doubt) - _SLACK
 
     def _plan(self, pose: SE2, segments: Array) -> bool:
         here = room(segments, pose.x, pose.y)
         wanted = self._wanted if here < self._wanted else here + _MORE
-        self._floor = self._allowed(pose, segments)
-        if self._floor < -_SLACK:
-            self._floor -= self._doubt
-        self._chosen, self._ends, spent = _search(segments, _array(pose), self._outline, self._floor, wanted, self._arcs)
+        least = self._least(pose, segments)
+        self._chosen, self._ends, spent = _search(segments, least, _array(pose), self._outline, wanted, self._arcs)
         self._expansions += spent
         if self.running:
             way = np.concatenate([_array(pose)[None], self._ends])[:, :2]
@@ -278,7 +276,7 @@ def _array(pose: SE2) -> Array:
 def _warm_up() -> None:
     outline, walls = np.array([[0.1, 0.1], [-0.1, 0.1], [-0.1, -0.1], [0.1, -0.1]]), np.array([[-1.0, -0.11, 1.0, -0.11]])
     start = np.zeros(3)
-    _search(walls, start, outline, 0.001, 0.15, _ARCS)
-    _free(walls, start, 0.1, 0.0, outline, 0.001)
-    clearance(walls, 0.0, 0.0, 0.0, outline, 0.1)
+    least = floors(walls, 0.0, 0.0, 0.0, outline, 0.001, 0.0)
+    _search(walls, least, start, outline, 0.15, _ARCS)
+    _free(walls, least, start, 0.1, 0.0, outline)
     room(walls, 0.0, 0.0)

@@ -71,6 +71,7 @@ class CostmapView:
         reach: of the outline's corners [m].
         roomy: whether the outline has room for errors of driving, not for slip alone.
         walled: see `Costmap`.
+        touching: whether the car seems to stand in an obstacle, so that the outline is slim or None.
     """
 
     costs: NDArray[np.uint8]
@@ -82,6 +83,7 @@ class CostmapView:
     reach: float
     roomy: bool = True
     walled: bool = False
+    touching: bool = False
 
     def free_arc(self, curvature: float, length: float) -> tuple[float, float]:
         """How far along the arc [1/m, m] the car can go [m], exactly |length| where nothing is in the way, and the highest cost
@@ -136,7 +138,8 @@ class Outlines:
 
         def view(outline: Array | None) -> CostmapView:
             roomy = outline is self._in_cells[0]
-            return CostmapView(costs, resolution, x, y, at.theta, outline, self._reach, roomy, walled)
+            touching = outline is None or outline is self._in_cells[-1]
+            return CostmapView(costs, resolution, x, y, at.theta, outline, self._reach, roomy, walled, touching)
 
         free = (outline for outline in self._in_cells if footprint_free(costs, x, y, at.theta, outline, walled))
         widest = next(free, None)

@@ -141,6 +141,39 @@ def clearance(segments: Array, x: float, y: float, theta: float, outline: Array,
 
 
 @njit(cache=True)
+def floors(segments: Array, x: float, y: float, theta: float, outline: Array, margin: float, doubt: float) -> Array:
+    """How near each segment may come to an outline that is at this pose, (n,) [m]: `margin`, or as near as the nearest is. Where
+    some reach into the outline these may come `doubt` deeper, and each of the others `margin` near, or as near as it is."""
+    found, nearest = np.empty(len(segments)), margin
+    for j in range(len(segments)):
+        found[j] = clearance(segments[j : j + 1], x, y, theta, outline, margin)
+        nearest = min(nearest, found[j])
+    for j in range(len(segments)):
+        if nearest >= 0.0:
+            found[j] = nearest
+        elif found[j] < 0.0:
+            found[j] -= doubt
+    return found
+
+
+@njit(cache=True)
+def keeps(segments: Array, floors: Array, x: float, y: float, theta: float, outline: Array) -> bool:
+    """Whether the outline at a pose is no nearer to any segment than its floor."""
+    c, s, reach = math.cos(theta), math.sin(theta), 0.0
+    for i in range(len(outline)):
+        reach = max(reach, math.hypot(outline[i, 0], outline[i, 1]))
+    for j in range(len(segments)):
+        ax, ay, bx, by = segments[j]
+        if _apart(x, y, ax, ay, bx, by) > reach + max(floors[j], 0.0):
+            continue
+        ax, ay, bx, by = ax - x, ay - y, bx - x, by - y
+        ax, ay, bx, by = c * ax + s * ay, c * ay - s * ax, c * bx + s * by, c * by - s * bx
+        if _gap(outline, ax, ay, bx, by, floors[j] + 1e-6) < floors[j]:
+            return False
+    return True
+
+
+@njit(cache=True)
 def room(segments: Array, x: float, y: float) -> float:
     """The distance from a point to the nearest segment, at most `FAR` [m]."""
     nearest = FAR
