@@ -10,6 +10,7 @@ from robocar.core import SE2, Context, Estimator, Landmark, Navigator, Occupancy
 from robocar.core.randomness import stream
 from robocar.core.truth import GroundTruth
 from robocar.episode.algorithms import Kind
+from robocar.episode.given import Part, part_name
 from robocar.episode.registry import build, capabilities
 from robocar.episode.spec import RunSpec
 from robocar.estimation.cascade import Cascade
@@ -17,7 +18,7 @@ from robocar.estimation.odometry.odometry import OdometryEstimator
 from robocar.scenario.model import Scenario
 
 
-def check_sight_of_movers(navigator: str, scenario: Scenario, robot: Robot) -> None:
+def check_sight_of_movers(navigator: Part, scenario: Scenario, robot: Robot) -> None:
     """Whether a navigator that promises to keep off what moves is shown it, where something does.
 
     Raises:
@@ -26,7 +27,7 @@ def check_sight_of_movers(navigator: str, scenario: Scenario, robot: Robot) -> N
     avoids = capabilities("navigator", navigator).avoids_movers
     if scenario.movers and avoids is not None and (why := avoids(robot)):
         movers = f"{len(scenario.movers)} mover{'s' if len(scenario.movers) > 1 else ''}"
-        raise ParameterError(f"navigator {navigator!r} would not see the {movers} of {scenario.name!r} move: {why}")
+        raise ParameterError(f"navigator {part_name(navigator)!r} would not see the {movers} of {scenario.name!r} move: {why}")
 
 
 @dataclass(frozen=True)

@@ -163,7 +163,7 @@ def _robotlaser(words: list[str]) -> _Scan:
         raise ValueError(f"ROBOTLASER1 with {count} beams and {remissions} remission values needs {at + 6} words or more")
     rest = words[at + 11 :]
     stamps = (_stamp(rest[2]), _stamp(rest[0])) if len(rest) >= 3 else (math.nan, math.nan)
-    bearings = start + step * np.arange(count)
+    bearings = start + step * np.arange(count, dtype=float)
     return _Scan(_ranges(words, 8, count), _pose(words, at), _pose(words, at + 3), stamps, bearings, largest)
 
 

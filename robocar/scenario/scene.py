@@ -257,7 +257,7 @@ class Scene:
                 continue
             if grid.occupied[cell]:
                 raise GoalOccupied(f"{what} ({x:g}, {y:g}) lies in a wall of the {name}")
-            near = _around(walls, walls.cell_from_world(point), math.ceil(footprint.inscribed_radius / grid.resolution) + 1)
+            near = _around(walls, walls.cell_inside(point), math.ceil(footprint.inscribed_radius / grid.resolution) + 1)
             room = float(ClearanceField(near, near.occupied).points(point[None])[0])
             if room < footprint.inscribed_radius:
                 raise GoalOccupied(
