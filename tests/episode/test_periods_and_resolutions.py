@@ -28,8 +28,8 @@ UNEVEN = {"bug1", "bug2", "dist-bug", "tangent-bug", "point-bug", "critical-poin
 """Those that decide by what a scan shows just then, and by that go round on the other side; some are not complete."""
 
 WITHIN = {"dynamic-a-star": 0.30, "ocpb": 0.30}
-"""Rather than 0.15: the lattice of 0.30 m is centred in maps that rounding makes a little larger or smaller, so its way has a turn
-or two more; and a leg more or less, which is decided standing, takes `ocpb` seconds."""
+"""Rather than 0.15: the lattice of 0.30 m is centred in maps that rounding makes a little larger or smaller, so its way has a
+turn or two more; and a leg more or less, which is decided standing, takes `ocpb` seconds."""
 
 
 def room(millimetres: int, folder: Path) -> Path:
