@@ -146,9 +146,9 @@ def _beside(world: OccupancyGrid, rng: np.random.Generator, gap: float) -> SE2 |
 def _goal(world: OccupancyGrid, rng: np.random.Generator, start: SE2) -> tuple[float, float] | None:
     """A roomy point at least 1.5 m away that a disc with some room can get to from around the start; None where there is none."""
     free = np.asarray(distance_transform_edt(~world.occupied)) * world.resolution
-    areas = np.zeros(free.shape, dtype=int)
-    label(free > 0.25, output=areas)
-    row, col = world.cell_from_world(start.position)
+    areas = np.asarray(label(free > 0.25)[0])  # type: ignore[index]
+    cell = np.asarray(world.cell_from_world(start.position))
+    row, col = int(cell[0]), int(cell[1])
     near = areas[max(0, row - 8) : row + 9, max(0, col - 8) : col + 9]
     rows, cols = np.nonzero((areas > 0) & (areas == near.max()))
     points = world.world_from_cell(np.stack([rows, cols], axis=1))

