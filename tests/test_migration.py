@@ -16,7 +16,7 @@ MODULES = [row[1] for row in ROWS if len(row) == 2 and re.fullmatch(r"robocar(\.
 NAMES = [f"{row[2]}.{row[0]}" for row in ROWS if len(row) == 3]
 PARAMETERS = re.findall(r"^\| (navigator|estimator|mapper)\.(\w+) \| (.+) \| (.+) \|$", PAGE, re.MULTILINE)
 """Kind, part, algorithms, and the part's parameters."""
-NESTED = 481
+NESTED = 461
 """Nested parameters of all algorithms when they were nested; those that come later have no old name."""
 
 

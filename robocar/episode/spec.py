@@ -11,7 +11,7 @@ from typing import Any, TypedDict
 from robocar.core import ParameterError, RobocarError, ScenarioError
 from robocar.episode.algorithms import Kind
 from robocar.episode.given import Part, part_identity, part_name
-from robocar.episode.identity import SHORT, World
+from robocar.episode.identity import SHORT, RunSubject
 from robocar.episode.registry import find, parameters
 from robocar.scenario.load import load_scenario
 from robocar.scenario.model import Scenario
@@ -102,9 +102,9 @@ class RunSpec:
         return self.given.get(kind, getattr(self, kind))
 
     @cached_property
-    def world(self) -> World:
+    def world(self) -> RunSubject:
         """What the run is named after."""
-        return World(self.scenario.name, self.log) if self.log else World.of(self.scenario)
+        return RunSubject(self.scenario.name, self.log) if self.log else RunSubject.of(self.scenario)
 
     @cached_property
     def digest(self) -> str:

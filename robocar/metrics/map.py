@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from robocar.core import SE2, UNKNOWN, Array, Footprint, OccupancyGrid
-from robocar.core.distance import obstacle_distance
+from robocar.core.distance import ClearanceField, obstacle_distance
 from robocar.core.rays import advance, start_ray
 from robocar.metrics.declaration import Declaration, Tolerance, metrics
 from robocar.metrics.run_log import DrawnMap
@@ -166,9 +167,15 @@ def reachable_cells(truth: OccupancyGrid, start: ArrayLike, radius: float) -> tu
     """
     free = ~truth.occupied & ~truth.unknown & (obstacle_distance(~truth.free, truth.resolution) >= radius)
     centres = np.zeros(truth.shape, dtype=bool)
-    row, col = (int(i) for i in truth.cell_from_world(np.asarray(start, dtype=float)))
+    start = np.asarray(start, dtype=float)
+    row, col = (int(i) for i in truth.cell_from_world(start))
     if truth.contains((row, col)):
         _fill(free, centres, row, col)
+        if not centres.any() and ClearanceField(truth, ~truth.free).points(start[None])[0] >= radius:
+            # Beside a wall the disc fits where it is, and not at the centre of the cell.
+            for beside in product(range(max(0, row - 1), row + 2), range(max(0, col - 1), col + 2)):
+                if truth.contains(beside):
+                    _fill(free, centres, *beside)
     if not centres.any():
         return centres, centres.copy()
     covered = np.zeros(truth.shape, dtype=bool)

@@ -7,7 +7,7 @@ import os
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -165,7 +165,8 @@ class Streams:
         self._file.disconnect()
         # Rerun keeps every recording, with its two threads, until it is told to drop those that nobody holds any more.
         del self._file
-        rerun_bindings.flush_and_cleanup_orphaned_recordings()
+        with suppress(RuntimeError):  # a viewer that never answered
+            rerun_bindings.flush_and_cleanup_orphaned_recordings()
         # The footer is written on disconnecting, when nobody is told of a full disk.
         with self._path.open("rb") as file:
             file.seek(-min(64, self._path.stat().st_size), os.SEEK_END)

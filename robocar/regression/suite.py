@@ -13,7 +13,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from robocar.core import ParameterError, RobocarError, ScenarioError, UnknownNameError
 from robocar.core.suggestions import did_you_mean
-from robocar.episode.identity import World
+from robocar.episode.identity import RunSubject
 from robocar.episode.registry import check_parameters, find, registered
 from robocar.metrics import Tolerance
 from robocar.paths import MODELS
@@ -252,7 +252,7 @@ class _Check:
                 good.append(name)
         return good
 
-    def _scenario(self, name: str, settings: Mapping[str, Any], where: str) -> tuple[str, Scenario, World] | None:
+    def _scenario(self, name: str, settings: Mapping[str, Any], where: str) -> tuple[str, Scenario, RunSubject] | None:
         try:
             beside = self._folder / name
             path = beside if ("/" in name or Path(name).suffix) and os.path.isfile(beside) else find_scenario(name)
@@ -260,7 +260,7 @@ class _Check:
             loaded = load_scenario(path, settings)
             for map_field in ("map", *(["prior"] if loaded.prior not in ("none", "truth") else [])):
                 loaded.file(map_field)
-            world = World.of(loaded)
+            world = RunSubject.of(loaded)
         except RobocarError as error:
             self.errors.append(f"{where}.scenarios: {error}")
             return None

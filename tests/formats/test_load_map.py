@@ -91,9 +91,13 @@ def test_a_report_says_what_is_in_a_map(folder):
     assert (report.kind, report.shape, report.resolution) == ("ros_map", (2, 3), 0.05)
     assert report.size == pytest.approx((0.15, 0.1))
     assert (report.occupied, report.free, report.unknown) == pytest.approx((2 / 6, 3 / 6, 1 / 6))
-    assert report.warnings == ()
+    odd = "16.7% of the cells are unknown: robots take them for free floor, unless allow_unknown is false"
+    assert report.warnings == (odd,)
     shares = "33.3% occupied, 50.0% free, 16.7% unknown"
-    assert str(report) == f"{folder / 'a.yaml'}: ros map, 3 x 2 cells of 0.05 m (0.15 x 0.1 m), {shares}, mode trinary"
+    assert (
+        str(report)
+        == f"{folder / 'a.yaml'}: ros map, 3 x 2 cells of 0.05 m (0.15 x 0.1 m), {shares}, mode trinary\n  warning: {odd}"
+    )
 
 
 def test_reports_warn_of_what_is_legal_but_odd(folder):
@@ -103,11 +107,12 @@ def test_reports_warn_of_what_is_legal_but_odd(folder):
         "unknown field floor is ignored",
         "negate has no effect in mode raw",
         "no cell is occupied",
+        "66.7% of the cells are unknown: robots take them for free floor, unless allow_unknown is false",
     )
     (folder / "a.txt").write_text("###\n")
     assert check_file(folder / "a.txt").warnings == ("no cell is free",)
     assert "1 m is assumed" in check_file(folder / "a.pgm").warnings[0]
-    assert check_file(folder / "a.pgm", 0.1).warnings == ()
+    assert all("unknown" in line for line in check_file(folder / "a.pgm", 0.1).warnings)
 
 
 def test_scenarios_are_checked_against_their_map(folder):
@@ -133,14 +138,17 @@ def test_trajectories_and_archives_are_reported(tmp_path):
 
 
 def test_every_published_map_and_scenario_passes_the_check(data_dir):
-    """A clean report for all files of the data folders, as many as there are."""
+    """A clean report for all files of the data folders, as many as there are, but for what is unknown on them."""
     paths = [
         p
         for pattern in ("ros_maps/*/*.yaml", "movingai/*.map", "movingai/*.scen", "barn/*.yaml", "barn/*.npz", "barn/*.gz")
         for p in data_dir.glob(pattern)
     ]
     assert len(paths) >= 21
-    assert {path.name: check_file(path).warnings for path in paths} == {path.name: () for path in paths}
+    reports = {path.name: check_file(path) for path in paths}
+    odd = {name: [line for line in report.warnings if "unknown" not in line] for name, report in reports.items()}
+    assert odd == {name: [] for name in reports}
+    assert [name for name, report in reports.items() if report.warnings] == [n for n, r in reports.items() if r.unknown]
 
 
 ENDINGS = ["yaml", "map", "scen", "world", "world.gz", "npz", "txt", "pgm", "png", "bmp", "tum", "dat"]

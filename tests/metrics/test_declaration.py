@@ -97,7 +97,7 @@ def test_our_metrics_in_the_order_of_metrics_json() -> None:
     run = robocar.run(SHORT, navigator="a-star", estimator="odometry", mapper="laser", settings=settings)
     expected = [name for name in declared() if not name.startswith(("map/reachable_", "movers/"))]
     assert list(run.metrics) == expected
-    assert len(expected) == 39
+    assert len(expected) == 40
     assert all(one.summary.endswith(".") for one in declared().values())
     clock = {"plan_time_mean", "plan_time_max", "wall_time", "real_time_factor"}
     assert {name for name, one in declared().items() if one.wall_clock} == clock

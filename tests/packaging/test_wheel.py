@@ -61,7 +61,7 @@ def test_the_wheel_says_what_pyproject_says(wheel: Path) -> None:
     assert metadata["License-Expression"] == project["license"]
     needed = {canonicalize_name(Requirement(line).name) for line in metadata.get_all("Requires-Dist", []) if "extra" not in line}
     assert needed == {canonicalize_name(Requirement(line).name) for line in project["dependencies"]}
-    assert re.search(r"^robocar\s*=\s*robocar\.cli:main$", scripts, re.MULTILINE)
+    assert re.search(r"^robocar\s*=\s*robocar\.__main__:main$", scripts, re.MULTILINE)
 
 
 @pytest.mark.parametrize("name", ["robocar", *(f"robocar.{folder}" for folder in LINKED)])

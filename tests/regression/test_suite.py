@@ -128,7 +128,7 @@ def test_bad_suites_say_which_field(change: dict[str, Any], words: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "words"), [("runs: [\n", "line 2: not YAML"), ("- a\n", "a suite is a mapping"), ("\xff", "cannot be read")]
+    ("text", "words"), [("runs: [\n", "line 2: not YAML"), ("- a\n", "a suite is a mapping"), ("\xff", "not UTF-8 text")]
 )
 def test_bad_files_are_named(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / "bad.yaml"
