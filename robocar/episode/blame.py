@@ -57,4 +57,5 @@ def _lies_in(frame: FrameType, folders: tuple[str, ...]) -> bool:
 def _text(file: str, line: int, function: str = "") -> str:
     near = os.path.relpath(file)
     inside = f", in {function}" if function else ""
-    return " " + one_line(f"({file if near.startswith(os.pardir) else near}, line {line}{inside})")
+    place = one_line(f"{file if near.startswith(os.pardir) else near}, line {line}{inside}")
+    return f" ({place})"

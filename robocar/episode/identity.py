@@ -59,7 +59,7 @@ def scenario_digest(scenario: Scenario) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class RunSubject:
+class Identity:
     """What a run is named after: a scenario, or a log.
 
     Args:
@@ -72,7 +72,7 @@ class RunSubject:
     shipped: bool = False
 
     @classmethod
-    def of(cls, scenario: Scenario) -> RunSubject:
+    def of(cls, scenario: Scenario) -> Identity:
         """See `scenario_digest`."""
         found = scenario_digest(scenario)
         return cls(scenario.name, found, _shipped_digest(scenario.name) == found)

@@ -11,7 +11,7 @@ from typing import Any, TypedDict
 from robocar.core import ParameterError, RobocarError, ScenarioError
 from robocar.episode.algorithms import Kind
 from robocar.episode.given import Part, part_identity, part_name
-from robocar.episode.identity import SHORT, RunSubject
+from robocar.episode.identity import SHORT, Identity
 from robocar.episode.registry import find, parameters
 from robocar.scenario.load import load_scenario
 from robocar.scenario.model import Scenario
@@ -102,9 +102,9 @@ class RunSpec:
         return self.given.get(kind, getattr(self, kind))
 
     @cached_property
-    def world(self) -> RunSubject:
+    def identity(self) -> Identity:
         """What the run is named after."""
-        return RunSubject(self.scenario.name, self.log) if self.log else RunSubject.of(self.scenario)
+        return Identity(self.scenario.name, self.log) if self.log else Identity.of(self.scenario)
 
     @cached_property
     def digest(self) -> str:
@@ -113,12 +113,12 @@ class RunSpec:
         Raises:
             ParameterError: see `part_identity`.
         """
-        return self.world.run_digest(self._identities, self.seed, self.settings)
+        return self.identity.run_digest(self._identities, self.seed, self.settings)
 
     @cached_property
     def name(self) -> str:
         """Of the run's directory, its baseline and its kept recording. Raises as `digest` does."""
-        return self.world.run_name(self._identities, self.seed, self.settings)
+        return self.identity.run_name(self._identities, self.seed, self.settings)
 
     @property
     def _identities(self) -> dict[str, str]:

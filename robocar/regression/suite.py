@@ -13,7 +13,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from robocar.core import ParameterError, RobocarError, ScenarioError, UnknownNameError
 from robocar.core.suggestions import did_you_mean
-from robocar.episode.identity import RunSubject
+from robocar.episode.identity import Identity
 from robocar.episode.registry import check_parameters, find, registered
 from robocar.metrics import Tolerance
 from robocar.paths import MODELS
@@ -219,14 +219,14 @@ class _Check:
             found = self._scenario(scenario, scenario_settings, where)
             if found is None:
                 continue
-            source, loaded, world = found
+            source, loaded, identity = found
             defaults = {kind: [getattr(loaded.defaults, kind)] for kind in COMPONENTS}
             choices = [defaults[kind] if chosen[kind] is None else good[kind] for kind in COMPONENTS]
             for kind, choice in zip(COMPONENTS, choices, strict=True):
                 self._parameters(kind, choice, given[kind], where)
             for (navigator, estimator, mapper), seed in product(product(*choices), seeds or block.seeds):
                 parts = {"navigator": navigator, "estimator": estimator, "mapper": mapper}
-                name = world.run_name(parts, seed, settings)
+                name = identity.run_name(parts, seed, settings)
                 yield Case(name, source, loaded.name, seed=seed, settings=settings, **parts)
 
     def duplicates(self, cases: Sequence[Case]) -> None:
@@ -252,7 +252,7 @@ class _Check:
                 good.append(name)
         return good
 
-    def _scenario(self, name: str, settings: Mapping[str, Any], where: str) -> tuple[str, Scenario, RunSubject] | None:
+    def _scenario(self, name: str, settings: Mapping[str, Any], where: str) -> tuple[str, Scenario, Identity] | None:
         try:
             beside = self._folder / name
             path = beside if ("/" in name or Path(name).suffix) and os.path.isfile(beside) else find_scenario(name)
@@ -260,11 +260,11 @@ class _Check:
             loaded = load_scenario(path, settings)
             for map_field in ("map", *(["prior"] if loaded.prior not in ("none", "truth") else [])):
                 loaded.file(map_field)
-            world = RunSubject.of(loaded)
+            identity = Identity.of(loaded)
         except RobocarError as error:
             self.errors.append(f"{where}.scenarios: {error}")
             return None
-        return source, loaded, world
+        return source, loaded, identity
 
     def _parameters(self, kind: str, chosen: Sequence[str], given: Mapping[str, Any], where: str) -> None:
         for name in chosen if given else ():

@@ -99,9 +99,9 @@ def test_an_error_of_somebodys_part_is_told_with_its_line(call: Call, tmp_path: 
     )
     (tmp_path / "their_typo.py").write_text("x = 1\nif x\n    pass\n")
     for part, status, words in (
-        ("their_part:Fails", 1, "(their_part.py, line 5, in command)"),
-        ("their_part:unready", 2, "(their_part.py, line 7, in unready)"),
-        ("their_typo:build", 2, "(their_typo.py, line 2)"),
+        ("their_part:Fails", 1, " (their_part.py, line 5, in command)"),
+        ("their_part:unready", 2, " (their_part.py, line 7, in unready)"),
+        ("their_typo:build", 2, " (their_typo.py, line 2)"),
     ):
         found, _, err = call("run", "short.yaml", "--navigator", part, "--no-recording")
         assert (found, words in " ".join(err.split())) == (status, True), err

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from robocar.core import ParameterError
 from robocar.episode.given import part_identity, part_name
-from robocar.episode.identity import RunSubject, scenario_digest
+from robocar.episode.identity import Identity, scenario_digest
 from robocar.episode.replay import replay
 from robocar.episode.run import run
 from robocar.episode.spec import RunSpec
@@ -98,7 +98,7 @@ def test_names_are_files_and_different_words_are_different_names(one: list[str],
     found = []
     for words in (one, other):
         parts = dict(zip(("navigator", "estimator", "mapper"), words[1:], strict=True))
-        found.append(RunSubject(words[0], "", shipped=True).run_name(parts, 0, {}))
+        found.append(Identity(words[0], "", shipped=True).run_name(parts, 0, {}))
         assert re.fullmatch(r"[\w][\w.-]*", found[-1])
         assert found[-1].encode()
     assert (found[0] == found[1]) == (one == other)
@@ -106,7 +106,7 @@ def test_names_are_files_and_different_words_are_different_names(one: list[str],
 
 def test_words_that_read_alike_do_not_collide() -> None:
     def of(*words: str) -> str:
-        return RunSubject(words[0], "", shipped=True).run_name(
+        return Identity(words[0], "", shipped=True).run_name(
             dict(zip(("navigator", "estimator", "mapper"), words[1:], strict=True)), 0, {}
         )
 
