@@ -6,9 +6,8 @@ import difflib
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeAlias, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError
 
@@ -18,6 +17,7 @@ from robocar.core.text import shown
 from robocar.reading import read_yaml
 
 Model = TypeVar("Model", bound=BaseModel)
+Schema: TypeAlias = dict[str, Any]
 
 
 def _no_flag(value: Any) -> Any:
@@ -113,16 +113,17 @@ def validated(model: type[Model], content: Mapping[str, Any], where: str) -> Mod
     except ValidationError as error:
         found = error.errors(include_url=False)
         more = [f"and {len(found) - _MOST_ERRORS} more"] if len(found) > _MOST_ERRORS else []
-        raise ScenarioError(f"{where}: " + "; ".join([*(_explain(model, e) for e in found[:_MOST_ERRORS]), *more])) from error
+        schema = model.model_json_schema()
+        raise ScenarioError(f"{where}: " + "; ".join([*(_explain(schema, e) for e in found[:_MOST_ERRORS]), *more])) from error
 
 
-def _explain(model: type[BaseModel], error: Any) -> str:
-    """One pydantic error in our words."""
+def _explain(schema: Schema, error: Any) -> str:
+    """One pydantic error of the model with this schema in our words."""
     location = [part for part in error["loc"] if not (isinstance(part, str) and ("[" in part or part.startswith("function-")))]
     field = ".".join(str(part) for part in location)
     if error["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-        known = _keys_at(model, location[:-1])
-        return f"unknown key {field!r}{_meant(model, str(location[-1]), known)}; known: {', '.join(known)}"
+        known = _keys_at(schema, location[:-1])
+        return f"unknown key {field!r}{_meant(schema, str(location[-1]), known)}; known: {', '.join(known)}"
     if error["type"] == "missing" and isinstance(location[-1], int):
         return f"{'.'.join(map(str, location[:-1]))}: number {location[-1] + 1} is missing"
     if error["type"] == "missing":
@@ -135,15 +136,10 @@ def _explain(model: type[BaseModel], error: Any) -> str:
     return f"{field}: {message}, not {shown(error['input'])}"
 
 
-@cache
-def _schema(model: type[BaseModel]) -> dict[str, Any]:
-    return model.model_json_schema()
-
-
-def _meant(model: type[BaseModel], key: str, known: Sequence[str]) -> str:
+def _meant(schema: Schema, key: str, known: Sequence[str]) -> str:
     """A key of another place under its own name, rather than a similar one of this place, rather than one of another place."""
     places: dict[str, list[str]] = {}
-    for path in _paths(model):
+    for path in _paths(schema):
         places.setdefault(path.rpartition(".")[2], []).append(path)
     if key not in places and (near := did_you_mean(key, known)):
         return near
@@ -152,21 +148,20 @@ def _meant(model: type[BaseModel], key: str, known: Sequence[str]) -> str:
     return f" (did you mean {' or '.join(map(repr, found))}?)" if found else ""
 
 
-def _paths(model: type[BaseModel]) -> list[str]:
+def _paths(schema: Schema) -> list[str]:
     """Dotted paths of all keys that are not in a list."""
     found: list[str] = []
-    to_do = [(name,) for name in _keys_at(model, ())]
+    to_do = [(name,) for name in _keys_at(schema, ())]
     while to_do:
         path = to_do.pop(0)
         found.append(".".join(path))
-        to_do += [(*path, name) for name in _keys_at(model, path)]
+        to_do += [(*path, name) for name in _keys_at(schema, path)]
     return found
 
 
-def _keys_at(model: type[BaseModel], location: Sequence[int | str]) -> list[str]:
+def _keys_at(schema: Schema, location: Sequence[int | str]) -> list[str]:
     """Valid keys of the part of the model that a location leads to."""
-    schema = _schema(model)
-    node: dict[str, Any] = schema
+    node = schema
     for part in location:
         inner = node.get("items") if isinstance(part, int) else node.get("properties", {}).get(part)
         node = inner or node.get("additionalProperties") or {}

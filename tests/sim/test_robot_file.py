@@ -226,7 +226,7 @@ def test_the_command_line_says_one_line_and_status_2(
         main(["run", "thesis-field", "--set", f"robot.model={folder}", "--out", str(tmp_path / "runs")])
     captured = capsys.readouterr()
     assert (ended.value.code, captured.out) == (2, "")
-    assert captured.err.startswith(f"error: {folder}/robot.yaml, line 2: ")
+    assert captured.err.startswith((f"error: {folder}/robot.yaml: ", f"error: {folder}/robot.yaml, line "))
     assert captured.err.count("\n") == 1
     assert not (tmp_path / "runs").exists()
 
