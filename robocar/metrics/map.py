@@ -56,8 +56,8 @@ def on_common_cells(drawn: OccupancyGrid, truth: OccupancyGrid) -> tuple[Occupan
     None where that would take more than `MAX_CELLS` cells.
     """
     corners = drawn.grid_from_world(truth.corners())
-    low = np.floor(np.minimum(corners.min(axis=0), 0.0) + 1e-6).astype(int)
-    high = np.ceil(np.maximum(corners.max(axis=0), np.array(drawn.shape[::-1], dtype=float)) - 1e-6).astype(int)
+    low = np.floor(np.minimum(corners.min(axis=0), 0.0) + 1e-9).astype(int)
+    high = np.ceil(np.maximum(corners.max(axis=0), np.array(drawn.shape[::-1], dtype=float)) - 1e-9).astype(int)
     cols, rows = (int(n) for n in high - low)
     if rows * cols > MAX_CELLS:
         return None
