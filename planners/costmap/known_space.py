@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -40,14 +38,7 @@ def surroundings(grid: OccupancyGrid, pose: SE2, reach: float, radius: float, al
     Args:
         allow_unknown: whether it may touch what is not known.
     """
-    row, col = (int(i) for i in grid.cell_from_world(pose.position))
-    cells = math.ceil(reach / grid.resolution)
-    rows, cols = grid.shape
-    r0, c0 = min(max(0, row - cells), rows - 1), min(max(0, col - cells), cols - 1)
-    r1, c1 = max(r0 + 1, min(rows, row + cells + 1)), max(c0 + 1, min(cols, col + cells + 1))
-    origin = grid.origin @ SE2(c0 * grid.resolution, r0 * grid.resolution)
-    window = OccupancyGrid(grid.data[r0:r1, c0:c1], grid.resolution, origin)
-    return inflate(window, radius, _OPEN if allow_unknown else _CLOSED)
+    return inflate(grid.around(pose.position, reach), radius, _OPEN if allow_unknown else _CLOSED)
 
 
 def is_known(grid: OccupancyGrid, point: ArrayLike) -> bool:

@@ -17,6 +17,37 @@ Blocked = NDArray[np.bool_]
 
 
 @njit(cache=True)
+def _nearest_along(height: Array, first: int, step: int, vertex: NDArray[np.int64], border: Array, out: Array) -> None:
+    """out[i] = min over q of (first + step i - q)^2 + height[q]: the lower envelope of the parabolas, left as it is where all
+    heights are inf. `vertex` (n,) and `border` (n + 1,) are working memory: the parabolas of the envelope, and where one hands
+    over to the next."""
+    count = 0
+    for node in range(len(height)):
+        f = height[node]
+        if f == math.inf:
+            continue
+        start = -math.inf
+        while count > 0:
+            last = vertex[count - 1]
+            start = ((f + node * node) - (height[last] + last * last)) / (2.0 * (node - last))
+            if start > border[count - 1]:
+                break
+            count -= 1
+            start = -math.inf
+        vertex[count], border[count] = node, start
+        count += 1
+    if count == 0:
+        return
+    border[count] = math.inf
+    k = 0
+    for i in range(len(out)):
+        node = first + step * i
+        while border[k + 1] < node:
+            k += 1
+        out[i] = (node - vertex[k]) ** 2 + height[vertex[k]]
+
+
+@njit(cache=True)
 def squared_to_centres(blocked: Blocked) -> Array:
     """Squared distance in cells of every cell to the nearest blocked one (centre to centre), inf where there is none."""
     rows, cols = blocked.shape
@@ -30,34 +61,11 @@ def squared_to_centres(blocked: Blocked) -> Array:
     for row in range(rows - 2, -1, -1):
         for col in range(cols):
             squared[row, col] = min(squared[row, col], squared[row + 1, col] + 1.0)
-    vertex = np.empty(cols, dtype=np.int64)  # columns of the parabolas of the lower envelope
-    border = np.empty(cols + 1)  # where one parabola hands over to the next
-    height = np.empty(cols)
-    for row in range(rows):  # Second pass along the rows: lower envelope of the parabolas (q - p)^2 + f(p).
-        count = 0
+    vertex, border, height = np.empty(cols, dtype=np.int64), np.empty(cols + 1), np.empty(cols)
+    for row in range(rows):  # Second pass along the rows.
         for col in range(cols):
-            f = squared[row, col] * squared[row, col]
-            height[col] = f
-            if f == math.inf:
-                continue
-            start = -math.inf
-            while count > 0:
-                last = vertex[count - 1]
-                start = ((f + col * col) - (height[last] + last * last)) / (2.0 * (col - last))
-                if start > border[count - 1]:
-                    break
-                count -= 1
-                start = -math.inf
-            vertex[count], border[count] = col, start
-            count += 1
-        if count == 0:
-            continue
-        border[count] = math.inf
-        k = 0
-        for col in range(cols):
-            while border[k + 1] < col:
-                k += 1
-            squared[row, col] = (col - vertex[k]) ** 2 + height[vertex[k]]
+            height[col] = squared[row, col] * squared[row, col]
+        _nearest_along(height, 0, 1, vertex, border, squared[row])
     return squared
 
 
@@ -85,37 +93,13 @@ def squared_to_squares(blocked: Blocked) -> Array:
             up[row, col] = min(up[row, col], up[row + 1, col] + (1 if up[row + 1, col] == 0 else 2))
     squared = np.full((rows, cols), math.inf)
     nodes = 2 * cols + 1
-    vertex = np.empty(nodes, dtype=np.int64)
-    border = np.empty(nodes + 1)
-    height = np.empty(nodes)
+    vertex, border, height = np.empty(nodes, dtype=np.int64), np.empty(nodes + 1), np.empty(nodes)
     for row in range(rows):
-        count = 0
         for node in range(nodes):
             if node % 2 == 1:
                 nearest = up[row, node // 2]
             else:
                 nearest = min(up[row, max(0, node // 2 - 1)], up[row, min(cols - 1, node // 2)])
-            if nearest >= far:
-                continue
-            f = float(nearest) * float(nearest)
-            height[node] = f
-            start = -math.inf
-            while count > 0:
-                last = vertex[count - 1]
-                start = ((f + node * node) - (height[last] + last * last)) / (2.0 * (node - last))
-                if start > border[count - 1]:
-                    break
-                count -= 1
-                start = -math.inf
-            vertex[count], border[count] = node, start
-            count += 1
-        if count == 0:
-            continue
-        border[count] = math.inf
-        k = 0
-        for col in range(cols):
-            node = 2 * col + 1
-            while border[k + 1] < node:
-                k += 1
-            squared[row, col] = (node - vertex[k]) ** 2 + height[vertex[k]]
+            height[node] = math.inf if nearest >= far else float(nearest) * float(nearest)
+        _nearest_along(height, 1, 2, vertex, border, squared[row])
     return squared

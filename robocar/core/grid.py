@@ -139,6 +139,16 @@ class OccupancyGrid(GridMap):
         """(rows, cols)"""
         return self.data < 0
 
+    def around(self, point: ArrayLike, reach: float) -> OccupancyGrid:
+        """The cells within `reach` [m] of that of a point (2,) [m], in rows and columns; of a point outside those at the edge."""
+        row, col = (int(i) for i in self.cell_from_world(point))
+        rows, cols = self.shape
+        cells = math.ceil(reach / self.resolution)
+        r0, c0 = min(max(0, row - cells), rows - 1), min(max(0, col - cells), cols - 1)
+        r1, c1 = max(r0 + 1, min(rows, row + cells + 1)), max(c0 + 1, min(cols, col + cells + 1))
+        origin = self.origin @ SE2(c0 * self.resolution, r0 * self.resolution)
+        return OccupancyGrid(self.data[r0:r1, c0:c1], self.resolution, origin)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Costmap(GridMap):

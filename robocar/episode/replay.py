@@ -51,14 +51,12 @@ class ReplayOptions(TypedDict, total=False):
         mapper: the same.
         seed: of the estimator's random numbers; by default the run's, or 0.
         settings: parameters, e.g. `{"estimator.max_particles": 400}`.
-        subject: number of the robot, for an MRCLAM folder; by default its first.
     """
 
     estimator: Part | None
     mapper: Part
     seed: int | None
     settings: Mapping[str, Any] | None
-    subject: int | None
 
 
 def replay(
@@ -68,6 +66,7 @@ def replay(
     record: bool = True,
     live: bool = False,
     force: bool = False,
+    subject: int | None = None,
     **options: Unpack[ReplayOptions],
 ) -> RunResult:
     """Run an estimator over a log.
@@ -75,7 +74,8 @@ def replay(
     Args:
         source: a run directory or its `run.rrd`, an MRCLAM folder, a CARMEN log or a table of laser scans.
         out, record, live, force: see `robocar.run`.
-        options: estimator, mapper, seed, settings and subject, see `ReplayOptions`.
+        subject: number of the robot, for an MRCLAM folder; by default its first.
+        options: estimator, mapper, seed and settings, see `ReplayOptions`.
 
     Returns:
         The result; its `status` is `success` when the log was read to its end, its navigator `replay`, its `hash` that of the
@@ -84,7 +84,7 @@ def replay(
     Raises:
         RobocarError: the log cannot be read, or does not hold what the estimator needs.
     """
-    tape = open_tape(Path(source), options.get("subject"))
+    tape = open_tape(Path(source), subject)
     spec = _spec(tape, source, **options)
     start = tape.log.start
     assembly = Assembly(spec, tape.robot, tape.prior, start, tape.log.landmarks, tape.control_period)
@@ -110,9 +110,8 @@ def _spec(
     mapper: Part = "none",
     seed: int | None = None,
     settings: Mapping[str, Any] | None = None,
-    subject: int | None = None,
 ) -> RunSpec:
-    """What is run over the tape, which is that of the subject."""
+    """What is run over the tape."""
     chosen = _estimator_of(tape, source) if estimator is None else estimator
     find("estimator", chosen)
     find("mapper", mapper)

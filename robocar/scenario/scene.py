@@ -257,7 +257,7 @@ class Scene:
                 continue
             if grid.occupied[cell]:
                 raise GoalOccupied(f"{what} ({x:g}, {y:g}) lies in a wall of the {name}")
-            near = _around(walls, walls.cell_inside(point), math.ceil(footprint.inscribed_radius / grid.resolution) + 1)
+            near = walls.around(point, footprint.inscribed_radius + grid.resolution)
             room = float(ClearanceField(near, near.occupied).points(point[None])[0])
             if room < footprint.inscribed_radius:
                 raise GoalOccupied(
@@ -273,14 +273,6 @@ class Scene:
         """The maps that a goal must fit on, and the same with their border."""
         maps = {"map": self.grid} if self.prior is None else {"prior map": self.prior, "map": self.grid}
         return {name: (grid, enclosed(grid, self.scenario.border == "wall")) for name, grid in maps.items()}
-
-
-def _around(grid: OccupancyGrid, cell: tuple[int, int], reach: int) -> OccupancyGrid:
-    """The cells at most `reach` rows and columns from one."""
-    low = [max(0, index - reach) for index in cell]
-    rows, cols = (slice(first, index + reach + 1) for first, index in zip(low, cell, strict=True))
-    corner = grid.origin @ SE2(low[1] * grid.resolution, low[0] * grid.resolution)
-    return OccupancyGrid(grid.data[rows, cols], grid.resolution, corner)
 
 
 def _load_world(scenario: Scenario, notes: list[str]) -> tuple[OccupancyGrid, tuple[Solid, ...], OccupancyGrid]:

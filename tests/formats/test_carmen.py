@@ -106,6 +106,10 @@ BAD = {
     "FLASER 1 1.0 0 0 zero 0 0 0": "a pose must be a number",
     "FLASER 1 1.0 0 0 nan 0 0 0": "a pose must be finite",
     "FLASER 99999999999999999999 1.0": "needs",
+    "ROBOTLASER1 0 -1.5 3.1": "number of beams",
+    "ROBOTLASER1 0 x 3.1 0.1 80 0 0 1 5.0 0 0 0 0 0 0 0 0 0 0": "an angle",
+    "ROBOTLASER1 0 0 3.1 0.1 80 0 0 1 5.0 9 0 0 0 0 0 0 0 0 0": "remission values",
+    "LASER_READING 3 1 2": "needs 8 words",
     "hello world": "unknown message",
     '{"json": 1}': "unknown message",
 }

@@ -118,23 +118,6 @@ def test_scans_written_twice_are_read_once(tmp_path: Path) -> None:
     assert {o.lidar.max_range for o in log.observations if o.lidar is not None} == {25.0}
 
 
-BAD_ROBOTLASER = {
-    "ROBOTLASER1 0 -1.5 3.1": "number of beams",
-    "ROBOTLASER1 0 x 3.1 0.1 80 0 0 1 5.0 0 0 0 0 0 0 0 0 0 0": "an angle",
-    "ROBOTLASER1 0 0 3.1 0.1 80 0 0 1 5.0 9 0 0 0 0 0 0 0 0 0": "remission values",
-    "LASER_READING 3 1 2": "needs 8 words",
-}
-
-
-@pytest.mark.parametrize("bad", BAD_ROBOTLASER)
-def test_bad_messages_are_named(bad: str, tmp_path: Path) -> None:
-    path = tmp_path / "a.log"
-    path.write_text(f"{bad}\nFLASER 1 1 0 0 0 0 0 0\n")
-    log = load_carmen(path)
-    assert len(log.observations) == 1
-    assert BAD_ROBOTLASER[bad] in log.skipped[0]
-
-
 # -- times ------------------------------------------------------------------------------------------------------------------
 
 
